@@ -1,0 +1,1 @@
+"""cablejax.registration"""

@@ -1,0 +1,70 @@
+"""Imports point one way: types <- ops <- {registration, measure, simulate, nets} <- train; types <- {io, report}."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).resolve().parents[1] / "cablejax"
+
+ALLOWED = {
+    "__init__": {"types"},
+    "types": set(),
+    "ops": {"types"},
+    "registration": {"types", "ops"},
+    "measure": {"types", "ops"},
+    "simulate": {"types", "ops"},
+    "nets": {"types", "ops"},
+    "train": {"types", "ops", "registration", "measure", "simulate", "nets", "io"},
+    "io": {"types"},
+    "report": {"types"},
+    "cli": {"types", "ops", "registration", "measure", "simulate", "nets", "train", "io", "report"},
+}
+HEAVY = ("open3d", "hydra", "omegaconf", "matplotlib", "plotly", "tensorboardX", "flax", "optax", "pye57", "laspy")
+
+
+def part_of(module: str) -> str | None:
+    """The part of cablejax that a dotted module name belongs to, None for other packages."""
+    head, *rest = module.split(".")
+    if head != "cablejax":
+        return None
+    return rest[0] if rest else "__init__"
+
+
+def imports(path: Path) -> set[str]:
+    """Every module that a file imports anywhere, functions included."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative import; write it absolute"
+            assert node.module is not None
+            found.add(node.module)
+            if node.module == "cablejax":
+                found |= {f"cablejax.{alias.name}" for alias in node.names}
+    return found
+
+
+@pytest.mark.parametrize("path", sorted(PACKAGE.rglob("*.py")), ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_imports_point_one_way(path: Path):
+    own = path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+    for module in imports(path):
+        assert not module.startswith(("experiments", "benchmarks", "tests")), f"{path} imports {module}"
+        part = part_of(module)
+        if part is not None and part != own and (PACKAGE / part).exists() | (PACKAGE / f"{part}.py").exists():
+            assert part in ALLOWED[own], f"cablejax.{own} must not import cablejax.{part} ({path})"
+
+
+def test_ops_needs_jax_alone():
+    for path in (PACKAGE / "ops").glob("*.py"):
+        roots = {module.split(".")[0] for module in imports(path)} - set(sys.stdlib_module_names)
+        assert roots <= {"jax", "jaxtyping", "cablejax", "numpy"}, f"{path}: {roots}"
+
+
+def test_import_is_light():
+    code = f"import sys, cablejax; print([m for m in {HEAVY!r} if m in sys.modules])"
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert out.stdout.strip() == "[]"
