@@ -1,1 +1,29 @@
-"""cablejax.ops"""
+"""Kernels over point clouds: pure functions of arrays, usable under jit, vmap and grad, on any device.
+
+Neighbours (`knn`, `radius_search`, `radius_count`), local moments, outlier removal and the adaptive filter.
+"""
+
+from cablejax.ops.filters import FilterResult, adaptive_filter
+from cablejax.ops.moments import LocalMoments, local_moments, masked_covariance, masked_mean, masked_variance
+from cablejax.ops.neighbors import KnnResult, RadiusResult, knn, knn_features, radius_count, radius_search
+from cablejax.ops.outliers import OutlierResult, median_outliers, radius_outliers, statistical_outliers
+
+__all__ = [
+    "FilterResult",
+    "KnnResult",
+    "LocalMoments",
+    "OutlierResult",
+    "RadiusResult",
+    "adaptive_filter",
+    "knn",
+    "knn_features",
+    "local_moments",
+    "masked_covariance",
+    "masked_mean",
+    "masked_variance",
+    "median_outliers",
+    "radius_count",
+    "radius_outliers",
+    "radius_search",
+    "statistical_outliers",
+]

@@ -1,0 +1,126 @@
+"""Outlier removal: statistical (section II.C of the paper), by radius, and by median."""
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from cablejax.ops.neighbors import knn, radius_count
+from cablejax.types import PointCloud, Status
+
+
+class OutlierResult(NamedTuple):
+    """Which points to keep, and why.
+
+    Attributes:
+        keep: True where a point is no outlier `[n]`; False on padding.
+        score: What was compared with the threshold `[n]`; 0 on padding.
+        threshold: The bound on the score, in the score's unit.
+        status: `Status` bits of the whole cloud, int32.
+    """
+
+    keep: Bool[Array, " n"]
+    score: Float[Array, " n"]
+    threshold: Float[Array, ""]
+    status: Int[Array, ""]
+
+
+@partial(jax.jit, static_argnames=("k",))
+def statistical_outliers(cloud: PointCloud, *, k: int = 20, std_ratio: float | Float[Array, ""] = 2.0) -> OutlierResult:
+    """Drop points whose mean neighbour distance exceeds the cloud's mean by `std_ratio` standard deviations.
+
+    Section II.C of Su et al. (2025), steps 1 to 4. Equal to Open3D's `remove_statistical_outlier`, which counts the
+    point itself, at distance zero, among its neighbours: `nb_neighbors = k` there is `k` here, and both average the
+    k - 1 nearest other points and a zero. The threshold uses the sample standard deviation (n - 1), strictly (<).
+
+    Args:
+        cloud: Points `[n, 3]`, any unit, with validity `[n]`.
+        k: Neighbours per point, the point itself counted, as in Open3D. Static.
+        std_ratio: Standard deviations above the mean at which a point is dropped.
+
+    Returns:
+        Points to keep, their mean neighbour distance, the threshold in the cloud's unit, and status.
+
+    Raises:
+        ValueError: If `k` is below 2.
+    """
+    if k < 2:
+        raise ValueError(f"k: expected at least 2 (the point itself counts), got {k}")
+    found = knn(cloud.xyz, k=k - 1, mask=cloud.mask)
+    near = jnp.isfinite(found.sq_dist)
+    distance = jnp.sqrt(jnp.where(near, found.sq_dist, 0.0))
+    score = distance.sum(axis=1) / (near.sum(axis=1) + 1)
+    valid = _finite(cloud)
+    count = valid.sum()
+    mean = jnp.where(valid, score, 0.0).sum() / jnp.maximum(count, 1)
+    spread = jnp.square(jnp.where(valid, score - mean, 0.0)).sum() / jnp.maximum(count - 1, 1)
+    threshold = mean + std_ratio * jnp.sqrt(spread)
+    # Open3D drops a point whose mean distance is zero: it has duplicates alone for neighbours.
+    keep = valid & (score > 0) & (score < threshold)
+    return OutlierResult(keep, score, threshold, _status(cloud, found.status))
+
+
+@jax.jit
+def radius_outliers(
+    cloud: PointCloud, *, radius: float | Float[Array, ""], min_neighbors: int | Int[Array, ""]
+) -> OutlierResult:
+    """Drop points with too few neighbours within a radius: Open3D's `remove_radius_outlier`, its strict > included.
+
+    Args:
+        cloud: Points `[n, 3]`, any unit, with validity `[n]`.
+        radius: In the cloud's unit.
+        min_neighbors: A point is kept if more than this many points, itself counted, lie within `radius`.
+
+    Returns:
+        Points to keep, their count within the radius, `min_neighbors`, and status.
+    """
+    count = radius_count(cloud.xyz, radius=radius, mask=cloud.mask, include_self=True)
+    threshold = jnp.asarray(min_neighbors, dtype=jnp.float32)
+    score = count.astype(jnp.float32)
+    return OutlierResult(_finite(cloud) & (score > threshold), score, threshold, _status(cloud, None))
+
+
+@partial(jax.jit, static_argnames=("k",))
+def median_outliers(cloud: PointCloud, *, k: int = 20, ratio: float | Float[Array, ""] = 3.0) -> OutlierResult:
+    """Drop points far from the median of their neighbours, in units of the cloud's median.
+
+    The median filter of Table 1: a point's score is its distance to the coordinate-wise median of its k neighbours.
+
+    Args:
+        cloud: Points `[n, 3]`, any unit, with validity `[n]`.
+        k: Neighbours per point, the point itself not counted. Static.
+        ratio: A point is dropped where its score exceeds `ratio` times the median score of the cloud.
+
+    Returns:
+        Points to keep, their distance to the local median, the threshold in the cloud's unit, and status.
+
+    Raises:
+        ValueError: If `k` is below 1.
+    """
+    found = knn(cloud.xyz, k=k, mask=cloud.mask)
+    near = found.neighbors >= 0
+    neighbors = cloud.xyz[jnp.maximum(found.neighbors, 0)]
+    median = jnp.nanmedian(jnp.where(near[..., None], neighbors, jnp.nan), axis=1)
+    valid = _finite(cloud) & near.any(axis=1)
+    offset = jnp.where(valid[:, None], cloud.xyz - jnp.where(valid[:, None], median, 0.0), 0.0)
+    score = jnp.sqrt(jnp.square(offset).sum(axis=1))
+    typical = jnp.nanmedian(jnp.where(valid, score, jnp.nan))
+    threshold = ratio * jnp.where(valid.any(), typical, 0.0)
+    return OutlierResult(valid & (score <= threshold), score, threshold, _status(cloud, found.status))
+
+
+def _finite(cloud: PointCloud) -> Array:
+    """Rows that are points with finite coordinates."""
+    return cloud.mask & jnp.isfinite(cloud.xyz).all(axis=1)
+
+
+def _status(cloud: PointCloud, per_point: Array | None) -> Array:
+    """The bits of the points or-ed together, with EMPTY and NOT_FINITE for the cloud."""
+    valid = _finite(cloud)
+    status = (~valid.any()) * int(Status.EMPTY) | (cloud.mask & ~valid).any() * int(Status.NOT_FINITE)
+    if per_point is not None:
+        few = ((per_point & int(Status.TOO_FEW_NEIGHBORS)) != 0).any()
+        status = status | few * int(Status.TOO_FEW_NEIGHBORS)
+    return status.astype(jnp.int32)
