@@ -1,0 +1,183 @@
+"""A run's log for TensorBoard: scalars, hyper-parameters, confusion matrices and point clouds. Needs no display."""
+
+import os
+import secrets
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from jaxtyping import Array, Num
+from numpy.typing import ArrayLike
+
+
+class RunLogger:
+    """Write TensorBoard events into a folder; as a context manager it closes, errors or not.
+
+    Events are written by the caller's thread. tensorboardX's own writer hands them to a queue, which blocks for good
+    once its thread has died of a full disk, and a second writer in the same second overwrites the first one's file.
+
+    Args:
+        folder: Where the event files go; made if it is missing.
+        purge_step: For a run that goes on at this step: TensorBoard forgets what an earlier, killed run logged from
+            here on.
+
+    Example:
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as folder, RunLogger(folder) as log:
+        ...     log.scalars({"train/loss": 0.5, "train/accuracy": 0.9}, step=1)
+    """
+
+    def __init__(self, folder: str | os.PathLike[str], *, purge_step: int | None = None):
+        self.folder = Path(folder)
+        self._events = _open_events(self.folder)
+        self._closed = False
+        if purge_step is not None:
+            from tensorboardX.proto.event_pb2 import SessionLog  # pyright: ignore[reportAttributeAccessIssue]
+
+            self._write(purge_step, session_log=SessionLog(status=SessionLog.START))
+
+    def scalar(self, name: str, value: float | Num[Array, ""] | np.generic, step: int) -> None:
+        """Log one number at a step."""
+        self.scalars({name: value}, step)
+
+    def scalars(self, values: Mapping[str, float | Num[Array, ""] | np.generic], step: int) -> None:
+        """Log several numbers at a step, each a curve of its own."""
+        from tensorboardX import summary
+
+        for name, value in values.items():
+            self._write(step, summary=summary.scalar(name, float(value)))
+
+    def hparams(self, settings: Mapping[str, Any], metrics: Mapping[str, float], *, name: str = "hparams") -> None:
+        """Log a run's settings with its final figures.
+
+        Args:
+            settings: Numbers, booleans and strings are kept as they are, None and the rest as text.
+            metrics: Final figures, by name.
+            name: Sub-folder of the entry, so that a run has one entry however often it is started.
+        """
+        from tensorboardX import summary
+
+        kept = {key: v if isinstance(v, bool | int | float | str) else str(v) for key, v in settings.items()}
+        figures = {key: float(v) for key, v in metrics.items()}
+        with RunLogger(self.folder / name) as entry:
+            for part in summary.hparams(kept, figures):
+                entry._write(0, summary=part)
+            entry.scalars(figures, 0)
+
+    def histogram(self, name: str, values: ArrayLike, step: int) -> None:
+        """Log the distribution of an array's entries, such as attention weights."""
+        from tensorboardX import summary
+
+        self._write(step, summary=summary.histogram(name, np.asarray(values, np.float64).reshape(-1), bins=64))
+
+    def image(self, name: str, pixels: Num[Array | np.ndarray, "height width channels"], step: int) -> None:
+        """Log an image `[height, width, 1 or 3]`, uint8 or float in 0..1."""
+        from tensorboardX import summary
+
+        self._write(step, summary=summary.image(name, np.asarray(pixels), dataformats="HWC"))
+
+    def confusion(
+        self, name: str, matrix: Num[Array | np.ndarray, "classes classes"], labels: Sequence[str], step: int
+    ) -> None:
+        """Log a confusion matrix as an image.
+
+        Args:
+            name: Its tag.
+            matrix: Counts `[C, C]`, rows the true class, columns the predicted one.
+            labels: Names of the C classes.
+            step: Step.
+
+        Raises:
+            ValueError: If the labels do not match the matrix.
+        """
+        self.image(name, confusion_image(matrix, labels), step)
+
+    def mesh(
+        self,
+        name: str,
+        xyz: Num[Array | np.ndarray, "n 3"],
+        step: int,
+        *,
+        color: Num[Array | np.ndarray, "n 3"] | None = None,
+    ) -> None:
+        """Log a cloud `[n, 3]`, with colours `[n, 3]` in 0..255, as a rotatable mesh without faces."""
+        from tensorboardX import summary
+
+        colors = None if color is None else np.asarray(color, np.uint8)[None]
+        self._write(step, summary=summary.mesh(name, np.asarray(xyz, np.float32)[None], colors, None))
+
+    def flush(self) -> None:
+        """Bring everything logged so far to the disk."""
+        self._events.flush()
+
+    def close(self) -> None:
+        """Write what is left and close the file; a second call does nothing."""
+        if not self._closed:
+            self._closed = True
+            self._events.close()
+
+    def _write(self, step: int, **content: Any) -> None:
+        """Append one event.
+
+        Raises:
+            ValueError: If the log is closed.
+        """
+        from tensorboardX.proto.event_pb2 import Event  # pyright: ignore[reportAttributeAccessIssue]
+
+        if self._closed:
+            raise ValueError(f"log: expected an open one, got the closed log in {self.folder}")
+        self._events.write_event(Event(wall_time=time.time(), step=int(step), **content))
+
+    def __enter__(self) -> "RunLogger":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def _open_events(folder: Path) -> Any:
+    """A new event file, whose name no other log of the same second shares."""
+    from tensorboardX.event_file_writer import EventsWriter
+
+    folder.mkdir(parents=True, exist_ok=True)
+    return EventsWriter(str(folder / "events"), f".{secrets.token_hex(4)}")
+
+
+def confusion_image(matrix: Num[Array | np.ndarray, "classes classes"], labels: Sequence[str]) -> np.ndarray:
+    """Draw a confusion matrix, shaded by row share, with its counts written in.
+
+    Args:
+        matrix: Counts `[C, C]`, rows the true class.
+        labels: Names of the C classes.
+
+    Returns:
+        RGB pixels `[height, width, 3]`, uint8.
+
+    Raises:
+        ValueError: If the number of labels is not C.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    if len(labels) != len(matrix):
+        raise ValueError(f"labels: expected {len(matrix)} names, one a class, got {len(labels)}")
+    matrix = np.asarray(matrix)
+    share = matrix / np.maximum(matrix.sum(1, keepdims=True), 1)
+    side = max(4.0, 0.5 * len(labels) + 2.0)
+    figure = Figure(figsize=(side, side), dpi=100, layout="constrained")
+    canvas = FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    axes.imshow(share, cmap="Blues", vmin=0.0, vmax=1.0)
+    axes.set(xlabel="predicted", ylabel="true", xticks=range(len(labels)), yticks=range(len(labels)))
+    axes.set_xticklabels(labels, rotation=90)
+    axes.set_yticklabels(labels)
+    for row, column in np.argwhere(matrix):
+        ink = "white" if share[row, column] > 0.5 else "black"
+        axes.text(column, row, f"{matrix[row, column]:g}", ha="center", va="center", color=ink, fontsize=8)
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
