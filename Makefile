@@ -26,7 +26,7 @@ $(VENV)/.dev-stamp: requirements/dev.txt pyproject.toml | $(BIN)/python
 	@$(PIP) install --no-deps --no-build-isolation -e .
 	@touch $@ $(VENV)/.run-stamp
 
-.PHONY: help setup setup-dev lock
+.PHONY: help setup setup-dev run test lint format typecheck check results tables figures report notebooks lock clean
 help: ## List every target
 	@grep -hE '^[a-zA-Z0-9_-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  %-22s %s\n", $$1, $$2}'
 
@@ -34,9 +34,64 @@ setup: $(VENV)/.run-stamp ## Create .venv with what `make run` needs
 
 setup-dev: $(VENV)/.dev-stamp ## Create .venv with everything: tests, linters, notebooks, sweeps
 
+# The main job, or with SCAN=file the cleaning and measuring of your own scan. UNIT is that of the file.
+UNIT ?= mm
+SIZE ?= quick
+ifdef SCAN
+run: $(VENV)/.run-stamp
+	@$(BIN)/cablejax measure "$(SCAN)" --unit $(UNIT) --report "runs/scans/$(basename $(notdir $(SCAN))).html"
+else
+run: $(VENV)/.run-stamp ## Do the main job (10 minutes); SCAN=path.ply UNIT=mm measures your own scan instead
+	@$(BIN)/python -m experiments.main --size $(SIZE)
+endif
+
+PYTEST ?= -n 2 --dist loadfile
+test: $(VENV)/.dev-stamp ## Run the tests
+	@$(BIN)/python -m pytest $(PYTEST)
+
+lint: $(VENV)/.dev-stamp ## Check format, lint and types
+	@$(BIN)/ruff format --check .
+	@$(BIN)/ruff check .
+	@$(BIN)/basedpyright
+
+format: $(VENV)/.dev-stamp ## Format the sources and mend what the linter can mend
+	@$(BIN)/ruff format .
+	@$(BIN)/ruff check --fix .
+
+check: lint test ## Everything that must pass before a commit
+
+# One target per table and figure: the sweep, then its results file.
+EXPERIMENTS := table1_filtering table2_3_deviation diameter fig5_alexnet fig6_vgg16 fig7_resnet50 fig8_adgcnn fig13_optimizers
+SWEEPS := table1_filtering table2_3_deviation diameter
+$(SWEEPS): $(VENV)/.run-stamp
+	@$(BIN)/python -m experiments.$@ -m size=$(SIZE)
+	@$(BIN)/python -m experiments.collect $@ --size $(SIZE)
+$(filter-out $(SWEEPS),$(EXPERIMENTS)): $(VENV)/.run-stamp
+	@$(BIN)/python -m experiments.train -m experiment=$@ size=$(SIZE)
+	@$(BIN)/python -m experiments.collect $@ --size $(SIZE)
+.PHONY: $(EXPERIMENTS)
+
+results: table1_filtering table2_3_deviation diameter fig13_optimizers figures ## Make the committed results anew (clean checkout; SIZE=paper for the long form)
+
+tables: $(VENV)/.run-stamp ## Print the tables of results/
+	@$(BIN)/python -m experiments.tables --results results
+
+figures: $(VENV)/.run-stamp ## Draw results/figures and the README's numbers from results/
+	@$(BIN)/python -m experiments.figures --results results --out results/figures
+	@$(BIN)/python -m experiments.readme
+
+report: $(VENV)/.run-stamp ## Make the HTML report from results/
+	@$(BIN)/python -m experiments.report --results results --out runs/report.html
+
+notebooks: $(VENV)/.dev-stamp ## Execute the notebooks on results/ and keep their output
+	@$(BIN)/python -m experiments.notebooks
+
 COMPILE := $(BIN)/uv pip compile pyproject.toml --python-version 3.11 --universal --generate-hashes \
 	--no-emit-index-url --no-emit-find-links --no-annotate --no-header --quiet
 lock: $(VENV)/.dev-stamp ## Resolve the locks in requirements/ anew (UPGRADE=1 to move versions)
 	$(COMPILE) $(if $(UPGRADE),--upgrade) --all-extras --group build --group dev -o requirements/dev.txt
 	$(COMPILE) --group build -c requirements/dev.txt -o requirements/runtime.txt
 	$(COMPILE) --group build --extra scan -c requirements/dev.txt -o requirements/scan.txt
+
+clean: ## Remove runs, caches and the environment
+	rm -rf runs .jax_cache .pytest_cache .ruff_cache build *.egg-info $(VENV)

@@ -1,1 +1,18 @@
-"""cablejax.report"""
+"""Self-contained HTML pages and the figures on them."""
+
+from cablejax.report.page import Page
+from cablejax.report.scene import point_scene, point_views, thin
+from cablejax.report.style import COLORS, LINES, data_uri, figure_style, line_styles, png_bytes
+
+__all__ = [
+    "COLORS",
+    "LINES",
+    "Page",
+    "data_uri",
+    "figure_style",
+    "line_styles",
+    "png_bytes",
+    "point_scene",
+    "point_views",
+    "thin",
+]

@@ -1,0 +1,96 @@
+"""The main job: clean and measure a 53,135-point scan, train a small network under five optimizers, and report.
+
+    python -m experiments.main [--size quick] [--out runs]
+
+Each stage is the very Hydra sweep that a researcher would run by hand, in a process of its own. What a killed run
+finished is not done again: start the same command and it goes on.
+"""
+
+import argparse
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from experiments import ROOT, collect, figures, report, tables
+from experiments.revision import code_revision
+
+INTERRUPTED = 130
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One sweep of the main job."""
+
+    experiment: str
+    module: str
+    about: str
+    overrides: tuple[str, ...] = ()
+
+
+STAGES = (
+    Stage("table1_filtering", "experiments.table1_filtering", "four filters, three kinds of noise (Table 1)"),
+    Stage("table2_3_deviation", "experiments.table2_3_deviation", "deviation before and after (Tables 2 and 3)"),
+    Stage("diameter", "experiments.diameter", "the diameter in millimetres"),
+    Stage("fig13_optimizers", "experiments.train", "ADGCNN under five optimizers (Figure 13)"),
+)
+
+
+def run_stage(stage: Stage, *, size: str, out: Path) -> None:
+    """Run a stage's sweep and fold its runs into `<out>/<size>-results`.
+
+    Raises:
+        SystemExit: With the sweep's own code if it fails.
+    """
+    overrides = [f"experiment={stage.experiment}", f"size={size}", f"out={out}", *stage.overrides]
+    code = subprocess.run([sys.executable, "-m", stage.module, "-m", *overrides], cwd=ROOT, check=False).returncode
+    if code:
+        print(f"error: stage {stage.experiment} failed; mended, the same command goes on from here", file=sys.stderr)
+        sys.exit(code)
+    collect.collect(
+        stage.experiment, size=size, runs=out, out=results_folder(size, out), revision=code_revision(), allow_dirty=True
+    )
+
+
+def results_folder(size: str, out: Path) -> Path:
+    """Where the main job folds its runs: apart from the committed results."""
+    return out / f"{size}-results"
+
+
+def run(*, size: str, out: Path) -> Path:
+    """Run every stage, print the tables, write figures and report.
+
+    Returns:
+        The report's path.
+    """
+    start = time.perf_counter()
+    for i, stage in enumerate(STAGES, start=1):
+        print(f"\n[{i}/{len(STAGES)}] {stage.experiment}: {stage.about}", flush=True)
+        run_stage(stage, size=size, out=out)
+    folder = results_folder(size, out)
+    print("\n" + "\n\n".join(table.to_text() for table in tables.all_tables(folder)))
+    print("\nFigures:")
+    for path in figures.write_figures(figures.all_figures(folder), folder / "figures"):
+        print(f"  {path}")
+    print(f"TensorBoard logs: tensorboard --logdir {out / 'fig13_optimizers' / size}")
+    path = report.write(folder, out / f"{size}-report.html")
+    print(f"Done in {time.perf_counter() - start:.0f} s. The report:")
+    return path.resolve()
+
+
+def main() -> None:
+    """Command line of the main job."""
+    parser = argparse.ArgumentParser(prog="python -m experiments.main", description=__doc__.split("\n")[0])
+    parser.add_argument("--size", default="quick", choices=("smoke", "quick", "paper"))
+    parser.add_argument("--out", type=Path, default=ROOT / "runs")
+    options = parser.parse_args()
+    try:
+        print(run(size=options.size, out=options.out.resolve()))
+    except KeyboardInterrupt:
+        print("\nInterrupted. The same command goes on from here.", file=sys.stderr)
+        sys.exit(INTERRUPTED)
+
+
+if __name__ == "__main__":
+    main()

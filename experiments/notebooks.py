@@ -1,0 +1,47 @@
+"""Execute the notebooks, which read results/ and draw, and keep their output.
+
+    python -m experiments.notebooks [--check]
+"""
+
+import argparse
+from pathlib import Path
+
+from experiments import ROOT
+
+TIMEOUT_S = 300
+
+
+def execute(path: Path) -> str:
+    """Run a notebook from the repository's root.
+
+    Returns:
+        The executed notebook as JSON text, without the timestamps and versions that differ from run to run.
+
+    Raises:
+        nbclient.exceptions.CellExecutionError: If a cell fails.
+    """
+    import nbformat
+    from nbclient import NotebookClient
+
+    notebook = nbformat.read(path, as_version=4)
+    NotebookClient(notebook, timeout=TIMEOUT_S, resources={"metadata": {"path": str(ROOT)}}).execute()
+    for cell in notebook.cells:
+        cell.metadata.pop("execution", None)
+    notebook.metadata.pop("language_info", None)
+    return nbformat.writes(notebook) + "\n"
+
+
+def main() -> None:
+    """Execute every notebook; with `--check` write nothing."""
+    parser = argparse.ArgumentParser(prog="python -m experiments.notebooks", description="Execute the notebooks.")
+    parser.add_argument("--check", action="store_true", help="execute, but write nothing")
+    options = parser.parse_args()
+    for path in sorted((ROOT / "notebooks").glob("*.ipynb")):
+        text = execute(path)
+        if not options.check:
+            path.write_text(text, encoding="utf-8")
+        print(path.relative_to(ROOT))
+
+
+if __name__ == "__main__":
+    main()

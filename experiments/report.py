@@ -1,0 +1,130 @@
+"""One self-contained HTML page of everything in a results folder.
+
+python -m experiments.report --results results --out report.html
+"""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from cablejax.io import atomic_write
+from cablejax.report import Page, figure_style, point_scene
+from experiments import figures, tables
+from experiments.results import Results
+
+INTRODUCTION = (
+    "Made from results files alone. Every number states the size of its run and its seeds; where the paper gives a number, it "
+    "stands beside ours. The paper's scan and training data are not published: the scans here are simulated, with known truth, "
+    "so agreement in kind is all that can be asked."
+)
+
+SECTIONS = {
+    "table1_filtering": (
+        "Outlier removal",
+        (
+            "Four filters on one noisy scan: Table 1, and then what the paper could not show: whether the points taken away were "
+            "the outliers."
+        ),
+    ),
+    "table2_3_deviation": (
+        "Adaptive filter",
+        (
+            "Deviation from the true surface before and after equations (2)-(8), and after two variants on the same weights that "
+            "do not shrink a convex surface."
+        ),
+    ),
+    "diameter": (
+        "Diameter",
+        "The diameter of the scan in millimetres with its 95 % interval, and the scan itself.",
+    ),
+    "fig13_optimizers": (
+        "Optimizers",
+        "A small ADGCNN on simulated cables, trained under Adadelta and four other optimizers.",
+    ),
+}
+
+
+def scene(results: Results) -> str:
+    """The rotatable scan before and after filtering."""
+    view = results.rows(scan__preset=results.values("scan.preset")[-1])[0]["view"]
+    clouds = {
+        kind: (np.asarray(view[kind]["xyz_mm"]), np.asarray(view[kind]["deviation_mm"])) for kind in ("raw", "filtered")
+    }
+    return point_scene(clouds, label="deviation (mm)", limit=3 * view["scale_mm"])
+
+
+def build(folder: Path) -> Page:
+    """Tables, figures and provenance of every results file in the folder.
+
+    Raises:
+        FileNotFoundError: If the folder holds no results file.
+    """
+    found = {name: results for name in SECTIONS if (results := Results.read(folder, name)) is not None}
+    if not found:
+        raise FileNotFoundError(f"{folder}: no results file; run `make run` or collect an experiment first")
+    page = Page("cablejax: results", subtitle="Cable point clouds from scan to diameter and size class")
+    page.text(INTRODUCTION)
+    for name, results in found.items():
+        page.section(*SECTIONS[name])
+        for maker in tables.MAKERS[name]:
+            table = maker(results)
+            page.table(table.header, table.rows, caption=f"{table.title}. {table.caption}", groups=table.groups)
+        with figure_style():
+            for draw in figures.MAKERS[name]:
+                drawing = draw(results)
+                page.figure(drawing.figure, alt=drawing.alt, caption=drawing.caption)
+        if name == "diameter":
+            page.scene(
+                scene(results),
+                caption="The same scan to turn and zoom, thinned. Colour: signed distance to the true surface.",
+            )
+    _add_provenance(page, found)
+    return page
+
+
+def _add_provenance(page: Page, found: dict[str, Results]) -> None:
+    page.section("Provenance", "Which code made the numbers, on what, from which seeds.")
+    rows = []
+    for name, results in found.items():
+        raw = results.raw
+        seeds = ", ".join(map(str, raw["seeds"]))
+        rows.append([name, raw["size"], seeds, len(raw["runs"]), f"{raw['seconds']:,.0f}", raw["code_revision"][:12]
+                     + (" + uncommitted" if "+" in raw["code_revision"] else "")])  # fmt: skip
+    page.table(
+        ["Experiment", "size", "seeds", "runs", "seconds", "code revision"], rows, caption="One row per results file."
+    )
+    details = next(iter(found.values())).raw["provenance"]
+    flat = [[key, _plain(value)] for key, value in details.items()]
+    page.table(["Environment", "value"], flat, caption="As recorded by the first experiment.")
+
+
+def _plain(value: object) -> str:
+    if isinstance(value, dict):
+        return ", ".join(f"{k} {_plain(v)}" for k, v in value.items())
+    if isinstance(value, list):
+        return ", ".join(map(_plain, value))
+    return str(value)
+
+
+def write(folder: Path, out: Path) -> Path:
+    """Write the report of a results folder as one HTML file."""
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with atomic_write(out) as file:
+        file.write(build(folder).render().encode())
+    return out
+
+
+def main() -> None:
+    """Write the report."""
+    parser = argparse.ArgumentParser(
+        prog="python -m experiments.report", description="Make the HTML report from results files."
+    )
+    parser.add_argument("--results", type=Path, default=Path("results"))
+    parser.add_argument("--out", type=Path, default=Path("runs/report.html"))
+    options = parser.parse_args()
+    print(write(options.results, options.out))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,216 @@
+"""The typed schema of every configuration key; YAML under conf/ may set these and nothing else.
+
+Each dataclass checks its own values when it is built, so that a wrong value stops a run at once, in one line.
+"""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from hydra.core.config_store import ConfigStore
+from omegaconf import MISSING
+
+NOISE_KINDS = ("none", "gaussian", "random", "compound")
+FORMS = ("linear", "exponential")
+PRESETS = ("paper-floor", "structured-light", "line-laser", "terrestrial")
+VERSIONS = ("clean", "standard", "hard", "real-like")
+SIZES = ("smoke", "quick", "paper")
+
+
+def _check(ok: bool, key: str, expected: str, got: object) -> None:
+    if not ok:
+        raise ValueError(f"{key}: expected {expected}, got {got!r}")
+
+
+@dataclass
+class FilterConfig:
+    """What every filter has in common."""
+
+    name: str = MISSING
+    k: int = 20
+
+    def __post_init__(self) -> None:
+        _check(1 <= self.k <= 128, "filter.k", "between 1 and 128 neighbours", self.k)
+
+
+@dataclass
+class StatisticalFilterConfig(FilterConfig):
+    name: str = "statistical"
+    std_ratio: float = 2.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _check(self.std_ratio > 0, "filter.std_ratio", "a positive number of standard deviations", self.std_ratio)
+
+
+@dataclass
+class RadiusFilterConfig(FilterConfig):
+    name: str = "radius"
+    radius_mm: float = 2.0
+    min_neighbors: int = 4
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _check(self.radius_mm > 0, "filter.radius_mm", "a positive radius in mm", self.radius_mm)
+        _check(self.min_neighbors >= 1, "filter.min_neighbors", "at least 1", self.min_neighbors)
+
+
+@dataclass
+class MedianFilterConfig(FilterConfig):
+    name: str = "median"
+    ratio: float = 3.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _check(self.ratio > 0, "filter.ratio", "a positive ratio to the median", self.ratio)
+
+
+@dataclass
+class AdaptiveFilterConfig(FilterConfig):
+    """Equations (2)-(8) behind statistical outlier removal; None estimates a value from the scan."""
+
+    name: str = "adaptive"
+    std_ratio: float = 2.0
+    smooth_k: int = 40
+    order: int = 0
+    form: str = "linear"
+    iterations: int = 1
+    alpha: float | None = None
+    beta_mm: float | None = None
+    gamma: float = 1.0
+    tau: float | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _check(self.std_ratio > 0, "filter.std_ratio", "a positive number of standard deviations", self.std_ratio)
+        _check(1 <= self.smooth_k <= 128, "filter.smooth_k", "between 1 and 128 neighbours", self.smooth_k)
+        _check(self.order in (0, 1, 2), "filter.order", "0 (the paper), 1 (plane) or 2 (quadric)", self.order)
+        _check(self.form in FORMS, "filter.form", f"one of {', '.join(FORMS)}", self.form)
+        _check(self.iterations >= 1, "filter.iterations", "at least 1", self.iterations)
+
+
+@dataclass
+class NoiseConfig:
+    """Noise added on top of the scanner's own."""
+
+    kind: str = MISSING
+    snr_db: float = 60.0
+
+    def __post_init__(self) -> None:
+        _check(self.kind in NOISE_KINDS, "noise.kind", f"one of {', '.join(NOISE_KINDS)}", self.kind)
+
+
+@dataclass
+class ScanConfig:
+    """The simulated scan, or a file to take its place."""
+
+    preset: str = MISSING
+    n_points: int = 53_135
+    size_mm2: float = 240.0
+    shape: str = "straight"
+    arc_deg: float = 360.0
+    outlier_fraction: float = 0.02
+
+    def __post_init__(self) -> None:
+        _check(self.preset in PRESETS, "scan.preset", f"one of {', '.join(PRESETS)}", self.preset)
+        _check(self.n_points >= 100, "scan.n_points", "at least 100 points", self.n_points)
+        _check(0 < self.arc_deg <= 360, "scan.arc_deg", "above 0 and at most 360 degrees", self.arc_deg)
+        _check(0 <= self.outlier_fraction < 0.5, "scan.outlier_fraction", "in [0, 0.5)", self.outlier_fraction)
+
+
+@dataclass
+class DatasetConfig:
+    """Simulated training clouds, one class per nominal cross-section."""
+
+    version: str = MISSING
+    sizes_mm2: list[float] = field(default_factory=lambda: [25, 50, 95, 150, 240, 400])
+    n_points: int = 256
+    train_per_class: int = 64
+    validation_per_class: int = 24
+    test_per_class: int = 48
+    canonical_pose: bool = True
+    fresh: bool = False
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        _check(self.version in VERSIONS, "dataset.version", f"one of {', '.join(VERSIONS)}", self.version)
+        _check(len(self.sizes_mm2) >= 2, "dataset.sizes_mm2", "at least 2 sizes", list(self.sizes_mm2))
+        _check(64 <= self.n_points <= 4096, "dataset.n_points", "between 64 and 4096", self.n_points)
+        for name in ("train_per_class", "validation_per_class", "test_per_class"):
+            _check(getattr(self, name) >= 1, f"dataset.{name}", "at least 1 cloud", getattr(self, name))
+
+
+@dataclass
+class ModelConfig:
+    """Which network, and what it is built with; `options` go to `cablejax.nets.build_model`."""
+
+    name: str = MISSING
+    options: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass
+class OptimizerConfig:
+    """Which optimizer; the learning rate is always explicit."""
+
+    name: str = MISSING
+    learning_rate: float = MISSING
+    options: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        _check(self.learning_rate > 0, "optimizer.learning_rate", "a positive learning rate", self.learning_rate)
+
+
+@dataclass
+class TrainingConfig:
+    """Budget and regularisation of a training run."""
+
+    epochs: int = 10
+    batch_size: int = 32
+    label_smoothing: float = 0.0
+    log_every: int = 1
+
+    def __post_init__(self) -> None:
+        _check(self.epochs >= 1, "training.epochs", "at least 1 epoch", self.epochs)
+        _check(self.batch_size >= 2, "training.batch_size", "at least 2 clouds (batch norm)", self.batch_size)
+        _check(0 <= self.label_smoothing < 1, "training.label_smoothing", "in [0, 1)", self.label_smoothing)
+
+
+@dataclass
+class Config:
+    """One run of one experiment."""
+
+    name: str = MISSING
+    size: str = "quick"
+    seed: int = 0
+    out: str = "runs"
+    tolerance_mm: float = 0.1
+    timing_repeats: int = 3
+    filter: FilterConfig = MISSING
+    noise: NoiseConfig = MISSING
+    scan: ScanConfig = MISSING
+    dataset: DatasetConfig = MISSING
+    model: ModelConfig = MISSING
+    optimizer: OptimizerConfig = MISSING
+    training: TrainingConfig = field(default_factory=TrainingConfig)
+
+    def __post_init__(self) -> None:
+        _check(self.size in SIZES, "size", f"one of {', '.join(SIZES)}", self.size)
+        _check(self.seed >= 0, "seed", "a seed of 0 or above", self.seed)
+        _check(self.tolerance_mm > 0, "tolerance_mm", "a positive tolerance in mm", self.tolerance_mm)
+        _check(self.timing_repeats >= 1, "timing_repeats", "at least 1", self.timing_repeats)
+
+
+def register() -> None:
+    """Make the schema known to Hydra under the names that conf/ uses."""
+    store = ConfigStore.instance()
+    store.store(name="schema", node=Config)
+    for node in (StatisticalFilterConfig, RadiusFilterConfig, MedianFilterConfig, AdaptiveFilterConfig):
+        store.store(group="filter", name=f"schema_{node.name}", node=node)
+    groups = {
+        "noise": NoiseConfig,
+        "scan": ScanConfig,
+        "dataset": DatasetConfig,
+        "model": ModelConfig,
+        "optimizer": OptimizerConfig,
+    }
+    for group, node in groups.items():
+        store.store(group=group, name=f"schema_{group}", node=node)

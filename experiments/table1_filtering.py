@@ -1,0 +1,50 @@
+"""Table 1: what four filters leave of a noisy scan, in what time, and whether it was the right points.
+
+python -m experiments.table1_filtering -m
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cablejax.types import PointCloud
+from experiments import app
+from experiments.cleaning import make_cleaner, timed
+from experiments.scans import make_scan, signed_distance_mm
+from experiments.schema import Config
+
+
+def removal_scores(keep: np.ndarray, is_outlier: np.ndarray) -> dict[str, float]:
+    """Precision, recall and F1 of removing the known outliers; 0 where nothing was removed or to be found."""
+    hits = int((~keep & is_outlier).sum())
+    precision = hits / max(1, int((~keep).sum()))
+    recall = hits / max(1, int(is_outlier.sum()))
+    f1 = 2 * precision * recall / (precision + recall) if hits else 0.0
+    return {"precision": precision, "recall": recall, "f1": f1}
+
+
+def run(cfg: Config, folder: Path) -> dict[str, Any]:
+    """Clean one scan with one filter; every figure is of the points that remain."""
+    scan = make_scan(cfg.scan, cfg.noise, seed=cfg.seed)
+    cleaned, timing = timed(make_cleaner(cfg.filter), PointCloud.from_xyz(scan.xyz_mm), repeats=cfg.timing_repeats)
+    keep = np.asarray(cleaned.mask)
+    signed = signed_distance_mm(scan, np.asarray(cleaned.xyz)[keep])
+    return {
+        "points": int(keep.size),
+        "remaining": int(keep.sum()),
+        "seconds": timing.run_s,
+        "compile_seconds": timing.compile_s,
+        **removal_scores(keep, np.asarray(scan.is_outlier)),
+        "rms_mm": float(np.sqrt(np.mean(signed**2))),
+        # The median, so that a few outliers left behind do not decide it.
+        "diameter_bias_mm": 2 * float(np.median(signed)),
+    }
+
+
+def headline(metrics: dict[str, Any]) -> str:
+    return f"{metrics['remaining']:,} points left, F1 {metrics['f1']:.3f}, {1000 * metrics['seconds']:.0f} ms"
+
+
+if __name__ == "__main__":
+    app.main(run, experiment="table1_filtering", headline=headline)

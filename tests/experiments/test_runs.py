@@ -1,0 +1,125 @@
+"""A run is done once per code revision and configuration, and results are folded from complete sets alone."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from cablejax.io import read_json
+from experiments import collect, revision, runs, schema
+from tests.experiments.test_configuration import compose_config
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> schema.Config:
+    return compose_config("experiment=table1_filtering", f"out={tmp_path / 'runs'}")
+
+
+def task(cfg: schema.Config, folder: Path) -> dict[str, float]:
+    with (folder / "calls.txt").open("a") as file:
+        file.write("called\n")
+    return {"value": 10.0 * cfg.seed + cfg.filter.k}
+
+
+def calls(folder: Path) -> int:
+    return len((folder / "calls.txt").read_text().splitlines())
+
+
+def test_a_finished_run_is_not_run_again(config: schema.Config):
+    first, there = runs.execute(task, config, label="seed=0")
+    assert not there
+    again, there = runs.execute(task, config, label="another label")
+    assert there
+    assert again == json.loads(json.dumps(first))
+    assert calls(runs.run_folder(config)) == 1
+
+
+def test_record_tells_where_its_numbers_come_from(config: schema.Config):
+    record, _ = runs.execute(task, config)
+    assert record["seed"] == 0
+    assert record["provenance"]["seeds"] == [0]
+    assert record["code_revision"] == revision.code_revision()
+    assert record["config"]["filter"]["k"] == config.filter.k
+    assert "out" not in record["config"]
+
+
+def test_other_code_runs_again_from_an_empty_folder(config: schema.Config, monkeypatch: pytest.MonkeyPatch):
+    runs.execute(task, config)
+    monkeypatch.setattr(runs, "code_revision", lambda: "another")
+    record, there = runs.execute(task, config)
+    assert not there
+    assert record["code_revision"] == "another"
+    assert calls(runs.run_folder(config)) == 1
+
+
+def test_a_killed_run_goes_on_in_its_folder(config: schema.Config):
+    def killed(cfg: schema.Config, folder: Path) -> dict[str, float]:
+        (folder / "checkpoint").write_text("half-way")
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        runs.execute(killed, config)
+    assert not (runs.run_folder(config) / runs.RECORD).exists()
+    runs.execute(task, config)
+    assert (runs.run_folder(config) / "checkpoint").read_text() == "half-way"
+
+
+def test_configurations_do_not_share_folders(config: schema.Config):
+    other = replace(config, filter=replace(config.filter, k=21))
+    assert runs.run_folder(config) != runs.run_folder(other)
+
+
+def sweep(config: schema.Config, *, ks: tuple[int, ...], seeds: tuple[int, ...]) -> Path:
+    for k in ks:
+        for seed in seeds:
+            runs.execute(task, replace(config, seed=seed, filter=replace(config.filter, k=k)))
+    return Path(config.out)
+
+
+def fold(config: schema.Config, **options: object) -> Path:
+    settings = {"revision": None, "allow_dirty": True} | options
+    out = Path(config.out).parent / "results"
+    return collect.collect(config.name, size="quick", runs=Path(config.out), out=out, **settings)
+
+
+def test_collect_keeps_every_run_and_names_only_what_differs(config: schema.Config):
+    sweep(config, ks=(10, 20), seeds=(0, 1))
+    result = read_json(fold(config))
+    assert result["seeds"] == [0, 1]
+    assert [(row["cell"], row["seed"], row["metrics"]["value"]) for row in result["runs"]] == [
+        ({"filter.k": 10}, 0, 10.0),
+        ({"filter.k": 10}, 1, 20.0),
+        ({"filter.k": 20}, 0, 20.0),
+        ({"filter.k": 20}, 1, 30.0),
+    ]
+    assert result["config"]["scan.n_points"] == 53_135
+    assert "filter.k" not in result["config"]
+
+
+def test_collect_refuses_missing_seeds(config: schema.Config):
+    sweep(config, ks=(10, 20), seeds=(0, 1))
+    sweep(config, ks=(10,), seeds=(2,))
+    with pytest.raises(collect.CollectError, match=r"missing seeds: .*20.* lacks seed 2"):
+        fold(config)
+
+
+def test_collect_refuses_mixed_revisions(config: schema.Config, monkeypatch: pytest.MonkeyPatch):
+    sweep(config, ks=(10,), seeds=(0,))
+    monkeypatch.setattr(runs, "code_revision", lambda: "another")
+    sweep(config, ks=(20,), seeds=(0,))
+    with pytest.raises(collect.CollectError, match="mixed revisions"):
+        fold(config)
+    assert [row["cell"] for row in read_json(fold(config, revision="another"))["runs"]] == [{}]
+
+
+def test_collect_refuses_uncommitted_code(config: schema.Config, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(runs, "code_revision", lambda: "abc+changed")
+    sweep(config, ks=(10,), seeds=(0,))
+    with pytest.raises(collect.CollectError, match="uncommitted code"):
+        fold(config, allow_dirty=False)
+
+
+def test_collect_refuses_an_empty_folder(config: schema.Config):
+    with pytest.raises(collect.CollectError, match="no finished run"):
+        fold(config)
