@@ -1,1 +1,30 @@
-"""cablejax.nets"""
+"""Networks in Flax NNX that tell a cable's size from its cloud: ADGCNN and what it is compared with."""
+
+from cablejax.nets.adgcnn import ADGCNN
+from cablejax.nets.aedgeconv import AEdgeConv, ChannelAttention
+from cablejax.nets.baselines import DGCNN, VGG16, AlexNet, PointNet, ResNet50
+from cablejax.nets.depth import depth_image
+from cablejax.nets.enhancement import FeatureEnhancement
+from cablejax.nets.fusion import FeatureFusion
+from cablejax.nets.models import MODELS, build_model, count_parameters
+from cablejax.nets.norm import BatchNorm
+from cablejax.nets.pose import pose_clouds
+
+__all__ = [
+    "ADGCNN",
+    "DGCNN",
+    "MODELS",
+    "VGG16",
+    "AEdgeConv",
+    "AlexNet",
+    "BatchNorm",
+    "ChannelAttention",
+    "FeatureEnhancement",
+    "FeatureFusion",
+    "PointNet",
+    "ResNet50",
+    "build_model",
+    "count_parameters",
+    "depth_image",
+    "pose_clouds",
+]

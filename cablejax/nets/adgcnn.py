@@ -1,0 +1,156 @@
+"""ADGCNN: dynamic graph convolutions with channel attention, feature enhancement and fusion (section III.A)."""
+
+from collections.abc import Sequence
+
+import jax
+import jax.numpy as jnp
+from flax import nnx
+from jaxtyping import Array, Bool, Float
+
+from cablejax.nets.aedgeconv import AEdgeConv
+from cablejax.nets.enhancement import FeatureEnhancement
+from cablejax.nets.fusion import FeatureFusion
+from cablejax.nets.head import Classifier, pool_points
+from cablejax.nets.norm import BatchNorm
+from cablejax.nets.pose import Pose, PosedClouds, pose_channels, pose_clouds
+from cablejax.ops.raster import cylinder_raster, raster_taps, sample_raster
+
+RASTER_EXTRAS = 2  # radius and occupancy
+
+
+class ADGCNN(nnx.Module):
+    """Classify cable clouds by size, Figure 1.
+
+    AEdgeConv layers of 32, 32, 64, 128 channels, concatenated to 256; enhancement and fusion on the cylinder raster,
+    added to the points' features; a shared layer of 512; max and mean pooling to 1,024; 256, 128, C.
+
+    Args:
+        num_classes: C.
+        k: Neighbours per point in every graph, the point itself counted.
+        attention: Channel attention, equation (12).
+        enhancement: Feature enhancement of the shallow (layers 1, 2) and the deep (3, 4) maps.
+        fusion: Feature fusion of these maps.
+        pose: Frame of the input, see `pose_clouds`.
+        widths: Channels of the edge convolutions.
+        raster_shape: Cells of the raster, (axial, angular).
+        raster_width: Channels of the raster's convolutions.
+        half_length_mm: Half the length of cable that the raster covers.
+        scale_mm: Length that becomes 1 at the input.
+        dropout: Rate in the classifier; the paper has none.
+    """
+
+    def __init__(
+        self,
+        num_classes: int,
+        *,
+        k: int = 20,
+        attention: bool = True,
+        enhancement: bool = True,
+        fusion: bool = True,
+        pose: Pose = "cylinder",
+        widths: Sequence[int] = (32, 32, 64, 128),
+        raster_shape: tuple[int, int] = (16, 32),
+        raster_width: int = 64,
+        half_length_mm: float = 60.0,
+        scale_mm: float = 20.0,
+        dropout: float = 0.0,
+        rngs: nnx.Rngs,
+    ):
+        if num_classes < 2:
+            raise ValueError(f"num_classes: expected 2 or more, got {num_classes}")
+        if len(widths) < 2:
+            raise ValueError(f"widths: expected 2 or more layers, got {tuple(widths)}")
+        self.pose: Pose = pose
+        self.scale_mm = scale_mm
+        self.raster_shape = tuple(raster_shape)
+        self.half_length = half_length_mm / scale_mm
+        inputs = [pose_channels(pose), *widths[:-1]]
+        self.layers = nnx.List(
+            [AEdgeConv(c, d, k=k, attention=attention, rngs=rngs) for c, d in zip(inputs, widths, strict=True)]
+        )
+        self.shallow = len(widths) // 2
+        self.raster = (
+            RasterStage(
+                (sum(widths[: self.shallow]), sum(widths[self.shallow :])),
+                sum(widths),
+                width=raster_width,
+                enhancement=enhancement,
+                fusion=fusion,
+                rngs=rngs,
+            )
+            if enhancement or fusion
+            else None
+        )
+        init = nnx.initializers.he_normal()
+        self.shared = nnx.Linear(sum(widths), 512, use_bias=False, kernel_init=init, rngs=rngs)
+        self.shared_norm = BatchNorm(512)
+        self.classifier = Classifier(1024, (256, 128), num_classes, dropout=dropout, rngs=rngs)
+
+    def __call__(self, xyz: Float[Array, "b n 3"], mask: Bool[Array, "b n"]) -> Float[Array, "b classes"]:
+        """Logits `[b, C]` of clouds in mm; rows where `mask` is False change nothing."""
+        posed = pose_clouds(xyz, mask, pose=self.pose, scale_mm=self.scale_mm)
+        x, maps = posed.features, []
+        for layer in self.layers:
+            x = layer(x, mask)
+            maps.append(x)
+        joined = jnp.concatenate(maps, axis=-1)
+        if self.raster is not None:
+            joined = joined + self._unrolled(maps, posed, mask)
+        valid = mask.astype(jnp.float32)
+        points = jax.nn.leaky_relu(self.shared_norm(self.shared(joined), valid), 0.2)
+        return self.classifier(pool_points(points, mask))
+
+    def _unrolled(self, maps: list[Array], posed: PosedClouds, mask: Array) -> Float[Array, "b n d"]:
+        """The share of the raster stage in the points' features."""
+        assert self.raster is not None
+        shape = self.raster_shape
+        taps = jax.vmap(lambda s, a, m: raster_taps(s, a, m, shape=shape, half_length=self.half_length))(
+            posed.axial, posed.angle, mask
+        )
+        points = jnp.concatenate([*maps, posed.radius[..., None]], axis=-1)
+        grid, occupancy = jax.vmap(lambda f, t: cylinder_raster(f, t, shape=shape))(points, taps)
+        occupancy = occupancy / jnp.maximum(jnp.sum(occupancy, axis=(1, 2), keepdims=True), 1.0) * occupancy[0].size
+        extras = jnp.concatenate([grid[..., -1:], occupancy[..., None]], axis=-1)
+        split = sum(each.shape[-1] for each in maps[: self.shallow])
+        return jax.vmap(sample_raster)(self.raster(grid[..., :split], grid[..., split:-1], extras), taps)
+
+
+class RasterStage(nnx.Module):
+    """Enhancement of a shallow and a deep map, then their fusion; either can be left out.
+
+    Args:
+        in_features: Channels of the shallow and of the deep map.
+        features: Channels of the result.
+        width: Channels of the convolutions in between.
+        enhancement: Whether the maps are enhanced.
+        fusion: Whether they are fused by dilated branches; if not, by a 1x1 convolution alone.
+    """
+
+    def __init__(
+        self,
+        in_features: tuple[int, int],
+        features: int,
+        *,
+        width: int,
+        enhancement: bool,
+        fusion: bool,
+        rngs: nnx.Rngs,
+    ):
+        shallow, deep = (each + RASTER_EXTRAS for each in in_features)
+        self.enhance_shallow = FeatureEnhancement(shallow, width, rngs=rngs) if enhancement else None
+        self.enhance_deep = FeatureEnhancement(deep, width, rngs=rngs) if enhancement else None
+        joined = 2 * width if enhancement else shallow + deep
+        self.fuse = FeatureFusion(joined, features, width=width, rngs=rngs) if fusion else None
+        self.mix = None if fusion else nnx.Linear(joined, features, rngs=rngs)
+
+    def __call__(
+        self, shallow: Float[Array, "b h w c"], deep: Float[Array, "b h w d"], extras: Float[Array, "b h w 2"]
+    ) -> Float[Array, "b h w f"]:
+        """The raster's features, for the points to sample."""
+        maps = [jnp.concatenate([each, extras], axis=-1) for each in (shallow, deep)]
+        if self.enhance_shallow is not None and self.enhance_deep is not None:
+            maps = [self.enhance_shallow(maps[0]), self.enhance_deep(maps[1])]
+        if self.fuse is not None:
+            return self.fuse(maps)
+        assert self.mix is not None
+        return self.mix(jnp.concatenate(maps, axis=-1))

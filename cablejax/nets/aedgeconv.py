@@ -1,0 +1,76 @@
+"""The AEdgeConv layer: edge convolution with channel attention, equations (11)-(14), batch normalisation included."""
+
+import jax
+import jax.numpy as jnp
+from flax import nnx
+from jaxtyping import Array, Bool, Float
+
+from cablejax.nets.norm import BatchNorm
+from cablejax.ops.edges import AttentionWeights, edge_products, feature_graph, pool_edges, pooled_attention
+
+
+class ChannelAttention(nnx.Module):
+    """The two shared 1x1 convolutions of equation (12).
+
+    Args:
+        features: Channels d.
+        reduction: d is squeezed to `d // reduction` channels, at least 4.
+    """
+
+    def __init__(self, features: int, *, reduction: int = 4, rngs: nnx.Rngs):
+        hidden = max(features // reduction, 4)
+        self.squeeze = nnx.Linear(features, hidden, rngs=rngs)
+        self.excite = nnx.Linear(hidden, features, rngs=rngs)
+
+    def weights(self) -> AttentionWeights:
+        """The parameters as `cablejax.ops` takes them."""
+        assert self.squeeze.bias is not None
+        assert self.excite.bias is not None
+        return AttentionWeights(
+            self.squeeze.kernel[...], self.squeeze.bias[...], self.excite.kernel[...], self.excite.bias[...]
+        )
+
+
+class AEdgeConv(nnx.Module):
+    """Edge convolution on a graph that is rebuilt from the layer's own input.
+
+    Args:
+        in_features: Channels c of the points.
+        features: Channels d of the edges and of the result.
+        k: Neighbours per point, the point itself counted.
+        attention: Channel attention, equation (12); without it the layer is DGCNN's EdgeConv.
+        negative_slope: LeakyReLU's slope below zero.
+    """
+
+    def __init__(
+        self,
+        in_features: int,
+        features: int,
+        *,
+        k: int,
+        attention: bool = True,
+        negative_slope: float = 0.2,
+        rngs: nnx.Rngs,
+    ):
+        self.k = k
+        self.negative_slope = negative_slope
+        init = nnx.initializers.he_normal()
+        self.kernel = nnx.Param(init(rngs.params(), (2 * in_features, features), jnp.float32))
+        self.norm = BatchNorm(features)
+        self.attention = ChannelAttention(features, rngs=rngs) if attention else None
+
+    def __call__(self, x: Float[Array, "b n c"], mask: Bool[Array, "b n"]) -> Float[Array, "b n d"]:
+        """New point features `[b, n, d]`, zero on padding."""
+        graph = jax.vmap(lambda rows, valid: feature_graph(rows, k=self.k, mask=valid))(x, mask)
+        center, neighbor = jax.vmap(edge_products, in_axes=(0, None))(x, self.kernel[...])
+        valid = graph >= 0
+        edges = center[:, :, None, :] + jax.vmap(lambda rows, index: rows[index])(neighbor, graph)
+        edges = jax.nn.leaky_relu(self.norm(edges, valid.astype(jnp.float32)), self.negative_slope)
+        largest = jnp.max(edges, axis=2, where=valid[..., None], initial=-jnp.inf)
+        largest = jnp.where(jnp.any(valid, axis=2)[..., None], largest, 0.0)
+        if self.attention is None:
+            return largest
+        # The weights are positive and shared by a channel, so they may be applied after the maximum, equation (14).
+        pooled = jax.vmap(pool_edges)(edges, valid)
+        beta = jax.vmap(pooled_attention, in_axes=(0, 0, None))(*pooled, self.attention.weights())
+        return largest * beta[:, None, :]

@@ -1,0 +1,64 @@
+"""What a network is told about a cloud: its coordinates, in which frame, at one fixed metric scale."""
+
+from typing import Literal, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from cablejax.ops.raster import cylinder_frame, principal_frame
+
+Pose = Literal["none", "principal", "cylinder"]
+POSES: tuple[Pose, ...] = ("none", "principal", "cylinder")
+
+
+class PosedClouds(NamedTuple):
+    """Clouds ready for a network; lengths are divided by the scale, never by anything of the cloud itself.
+
+    Attributes:
+        features: Coordinates, and for the pose "cylinder" the radius as a fourth channel `[b, n, 3 or 4]`.
+        axial: Position along the axis `[b, n]`, in scales.
+        angle: Angle about the axis `[b, n]`, radians.
+        radius: Distance from the axis `[b, n]`, in scales.
+    """
+
+    features: Float[Array, "b n c"]
+    axial: Float[Array, "b n"]
+    angle: Float[Array, "b n"]
+    radius: Float[Array, "b n"]
+
+
+def pose_channels(pose: Pose) -> int:
+    """Channels of `PosedClouds.features`.
+
+    Raises:
+        ValueError: If the pose is unknown.
+    """
+    if pose not in POSES:
+        raise ValueError(f"pose: expected one of {', '.join(POSES)}, got {pose!r}")
+    return 4 if pose == "cylinder" else 3
+
+
+def pose_clouds(xyz: Float[Array, "b n 3"], mask: Bool[Array, "b n"], *, pose: Pose, scale_mm: float) -> PosedClouds:
+    """Bring clouds into a frame and divide them by one constant.
+
+    Args:
+        xyz: Clouds in mm `[b, n, 3]`.
+        mask: True where a row is a point `[b, n]`.
+        pose: "none" centres; "principal" also turns to the principal axes; "cylinder" unbends the cable onto the
+            cylinder fitted to it, so that its axis is x and its surface lies at its radius, and gives the radius as a
+            channel. All three keep size, which is the label. Static.
+        scale_mm: Length that becomes 1.
+    """
+    pose_channels(pose)
+    frame = jax.vmap(cylinder_frame)(xyz, mask)
+    axial, radius = frame.axial / scale_mm, frame.radius / scale_mm
+    if pose == "cylinder":
+        across = [radius * jnp.cos(frame.angle), radius * jnp.sin(frame.angle)]
+        features = jnp.stack([axial, *across, radius], axis=-1)
+    else:
+        centroid, rotation = jax.vmap(principal_frame)(xyz, mask)
+        features = jnp.where(mask[..., None], xyz - centroid[:, None, :], 0.0) / scale_mm
+        if pose == "principal":
+            features = jnp.einsum("bni,bji->bnj", features, rotation)
+    return PosedClouds(features, axial, frame.angle, radius)

@@ -1,0 +1,238 @@
+"""A cable unrolled: cylinder coordinates of a cloud, and a differentiable raster of point features on its surface."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from cablejax.types import Status
+
+
+class CylinderFrame(NamedTuple):
+    """A cloud in the coordinates of the (gently bent) cylinder fitted to it, in the cloud's unit.
+
+    Attributes:
+        axial: Position along the axis, zero at the middle of the cloud `[n]`.
+        angle: Angle about the axis in radians, zero where the points are centred `[n]`.
+        radius: Distance from the axis `[n]`.
+        fitted_radius: The cylinder's radius `[]`.
+        rotation: Rows are the axis and two directions across it `[3, 3]`, right-handed.
+        status: `Status.EMPTY` or `Status.DEGENERATE` where fewer than 8 points or no arc leave it undetermined.
+    """
+
+    axial: Float[Array, " n"]
+    angle: Float[Array, " n"]
+    radius: Float[Array, " n"]
+    fitted_radius: Float[Array, ""]
+    rotation: Float[Array, "3 3"]
+    status: Int[Array, ""]
+
+
+def principal_frame(
+    xyz: Float[Array, "n 3"], mask: Bool[Array, " n"] | None = None
+) -> tuple[Float[Array, "3"], Float[Array, "3 3"]]:
+    """Centroid and principal directions of a cloud, largest variance first.
+
+    The signs are those that make the third moments along the first and the last direction positive (the open side of an
+    arc); the second completes a right-handed frame.
+
+    Returns:
+        `(centroid [3], rotation [3, 3])`: rows of `rotation` are the directions.
+    """
+    weight = jnp.ones(xyz.shape[0]) if mask is None else mask.astype(xyz.dtype)
+    total = jnp.maximum(jnp.sum(weight), 1.0)
+    xyz = jnp.where(weight[:, None] > 0, xyz, 0.0)
+    centroid = jnp.sum(xyz * weight[:, None], axis=0) / total
+    centred = (xyz - centroid) * weight[:, None]
+    _, vectors = jnp.linalg.eigh(jnp.matmul(centred.T, centred, precision=jax.lax.Precision.HIGHEST) / total)
+    first, last = _skewed(centred, vectors[:, 2]), _skewed(centred, vectors[:, 0])
+    return centroid, jnp.stack([first, jnp.cross(last, first), last])
+
+
+def _skewed(centred: Float[Array, "n 3"], direction: Float[Array, "3"]) -> Float[Array, "3"]:
+    """The direction or its opposite, whichever has the positive third moment."""
+    return jnp.where(jnp.sum((centred @ direction) ** 3) < 0, -direction, direction)
+
+
+def cylinder_frame(
+    xyz: Float[Array, "n 3"], mask: Bool[Array, " n"] | None = None, *, iterations: int = 8
+) -> CylinderFrame:
+    """Fit a gently bent cylinder to a cloud and give the points in its coordinates.
+
+    Each principal direction is tried as the axis. The centre line is a parabola across the axis, the radius is one
+    number, and the distances to the surface are brought down by Gauss-Newton steps, each point weighted by
+    `1 / (1 + (r / s)^2)^2` with s the weighted root mean square of the distances r, so that outliers lose their say. The
+    direction whose fit leaves the least distance is kept. Parameters are not learnt here: gradients stop.
+
+    Args:
+        xyz: Points `[n, 3]`, of a piece of cable, any unit.
+        mask: True where a row is a point `[n]`; None means all.
+        iterations: Gauss-Newton steps. Static.
+
+    Returns:
+        The cylinder coordinates; zero on padding.
+    """
+    n = xyz.shape[0]
+    mask = jnp.ones(n, dtype=bool) if mask is None else mask
+    xyz = jax.lax.stop_gradient(jnp.where(mask[:, None], xyz, 0.0))
+    weight = mask.astype(xyz.dtype)
+    centroid, principal = principal_frame(xyz, mask)
+    candidates = jnp.stack([principal, jnp.roll(principal, -1, axis=0), jnp.roll(principal, -2, axis=0)])
+    scale = jnp.sqrt(jnp.sum((xyz - centroid) ** 2 * weight[:, None]) / jnp.maximum(jnp.sum(weight), 1.0)) + 1e-30
+
+    def fit(rotation: Float[Array, "3 3"]):
+        along, *across = jnp.moveaxis((xyz - centroid) @ rotation.T / scale, 1, 0)
+        return _fit_bent_circle(along, jnp.stack(across, axis=1), weight, iterations=iterations)
+
+    across, radius, cost = jax.vmap(fit)(candidates)
+    best = jnp.argmin(jnp.where(jnp.isfinite(cost), cost, jnp.inf))
+    rotation, across, fitted = candidates[best], across[best] * scale, radius[best] * scale
+    along = (xyz - centroid) @ rotation[0]
+    mean_x, mean_y = jnp.sum(across * weight[:, None], axis=0)
+    angle = jnp.arctan2(across[:, 1], across[:, 0]) - jnp.arctan2(mean_y, mean_x)
+    angle = jnp.mod(angle + jnp.pi, 2.0 * jnp.pi) - jnp.pi
+    count = jnp.sum(mask)
+    status = jnp.where(count == 0, int(Status.EMPTY), 0)
+    bad = (count < 8) | ~jnp.isfinite(cost[best])
+    status = status | jnp.where(bad, int(Status.DEGENERATE), 0)
+    keep = mask & ~bad
+    return CylinderFrame(
+        jnp.where(keep, along, 0.0),
+        jnp.where(keep, angle, 0.0),
+        jnp.where(keep, jnp.linalg.norm(across, axis=1), 0.0),
+        jnp.where(bad, 0.0, fitted),
+        rotation,
+        status,
+    )
+
+
+def _fit_bent_circle(
+    along: Float[Array, " n"], across: Float[Array, "n 2"], weight: Float[Array, " n"], *, iterations: int
+) -> tuple[Float[Array, "n 2"], Float[Array, ""], Float[Array, ""]]:
+    """Centre line `c0 + c1 s + c2 s^2` and radius; returns points relative to the centre line, radius, robust cost."""
+    ones = jnp.ones_like(along)
+    linear = jnp.concatenate([2.0 * across, ones[:, None]], axis=1)
+    start = _least_squares(linear, jnp.sum(across**2, axis=1), weight)
+    radius = jnp.sqrt(jnp.maximum(start[2] + jnp.sum(start[:2] ** 2), 1e-12))
+    line = jnp.zeros((3, 2)).at[0].set(start[:2])
+    powers = jnp.stack([ones, along, along**2], axis=1)
+
+    def step(_, state):
+        line, radius, spread = state
+        relative = across - powers @ line
+        distance = jnp.sqrt(jnp.maximum(jnp.sum(relative**2, axis=1), 1e-12))
+        residual = distance - radius
+        robust = weight / (1.0 + (residual / spread) ** 2) ** 2
+        spread = jnp.sqrt(jnp.sum(robust * residual**2) / jnp.maximum(jnp.sum(robust), 1e-12)) * 3.0 + 1e-6
+        unit = relative / distance[:, None]
+        jacobian = jnp.concatenate([powers * unit[:, :1], powers * unit[:, 1:], ones[:, None]], axis=1)
+        move = _least_squares(jacobian, residual, robust)
+        return line + jnp.stack([move[:3], move[3:6]], axis=1), radius + move[6], spread
+
+    total = jnp.maximum(jnp.sum(weight), 1.0)
+    relative = across - powers @ line
+    first = jnp.linalg.norm(relative, axis=1) - radius
+    spread = jnp.sqrt(jnp.sum(weight * first**2) / total) + 1e-6
+    line, radius, spread = jax.lax.fori_loop(0, iterations, step, (line, radius, spread))
+    relative = across - powers @ line
+    residual = jnp.linalg.norm(relative, axis=1) - radius
+    return relative, radius, jnp.sum(weight * jnp.minimum(jnp.abs(residual), 0.2)) / total
+
+
+def _least_squares(
+    rows: Float[Array, "n p"], values: Float[Array, " n"], weight: Float[Array, " n"]
+) -> Float[Array, " p"]:
+    """Weighted least squares by the normal equations, with a ridge of 1e-6 of their mean diagonal."""
+    normal = jnp.matmul((rows * weight[:, None]).T, rows, precision=jax.lax.Precision.HIGHEST)
+    ridge = 1e-6 * jnp.trace(normal) / rows.shape[1] + 1e-12
+    return jnp.linalg.solve(normal + ridge * jnp.eye(rows.shape[1]), (rows * weight[:, None]).T @ values)
+
+
+class RasterTaps(NamedTuple):
+    """Where each point falls on the grid: its four cells and their bilinear shares.
+
+    Attributes:
+        cells: Flat cell numbers `[n, 4]`, row-major over (axial, angular).
+        shares: Weights `[n, 4]` that sum to 1; all 0 on padding and on points outside the grid.
+    """
+
+    cells: Int[Array, "n 4"]
+    shares: Float[Array, "n 4"]
+
+
+def raster_taps(
+    axial: Float[Array, " n"],
+    angle: Float[Array, " n"],
+    mask: Bool[Array, " n"] | None = None,
+    *,
+    shape: tuple[int, int],
+    half_length: float,
+) -> RasterTaps:
+    """Bilinear cells and shares of points on a grid over `[-half_length, half_length]` x the full turn.
+
+    Cell centres lie at the middle of each cell; the grid is closed in angle and open along the axis, where the outer
+    half of the last cells belongs to them alone.
+
+    Args:
+        axial: Position along the axis `[n]`, in the unit of `half_length`.
+        angle: Angle in radians `[n]`.
+        mask: True where a row is a point `[n]`; None means all.
+        shape: Cells `(axial, angular)`. Static.
+        half_length: Half the length of axis that the grid covers.
+
+    Raises:
+        ValueError: If a side of `shape` is below 1.
+    """
+    height, width = shape
+    if height < 1 or width < 1:
+        raise ValueError(f"shape: expected sides of at least 1, got {shape}")
+    mask = jnp.ones(axial.shape, dtype=bool) if mask is None else mask
+    inside = mask & (jnp.abs(axial) <= half_length)
+    row = jnp.clip((axial + half_length) / (2.0 * half_length) * height - 0.5, 0.0, height - 1.0)
+    column = angle / (2.0 * jnp.pi) * width - 0.5
+    row_low, column_low = jnp.floor(row), jnp.floor(column)
+    row_share, column_share = row - row_low, column - column_low
+    rows = jnp.stack([row_low, jnp.minimum(row_low + 1, height - 1)], axis=1).astype(jnp.int32)
+    columns = jnp.mod(jnp.stack([column_low, column_low + 1], axis=1).astype(jnp.int32), width)
+    cells = (rows[:, :, None] * width + columns[:, None, :]).reshape(-1, 4)
+    row_shares = jnp.stack([1.0 - row_share, row_share], axis=1)
+    column_shares = jnp.stack([1.0 - column_share, column_share], axis=1)
+    shares = (row_shares[:, :, None] * column_shares[:, None, :]).reshape(-1, 4)
+    return RasterTaps(cells, jnp.where(inside[:, None], shares, 0.0))
+
+
+def cylinder_raster(
+    features: Float[Array, "n c"], taps: RasterTaps, *, shape: tuple[int, int], floor: float = 1e-3
+) -> tuple[Float[Array, "h w c"], Float[Array, "h w"]]:
+    """Mean of the point features in each cell, by bilinear shares: points to grid.
+
+    Written as a product with the shares' matrix `[cells, n]`, so the backward pass is a product too, not a scatter.
+
+    Args:
+        features: Point features `[n, c]`.
+        taps: From `raster_taps` with the same `shape`.
+        shape: Cells `(axial, angular)`. Static.
+        floor: Cells with less total share than this are empty.
+
+    Returns:
+        `(grid [h, w, c], occupancy [h, w])`: zero in empty cells; the occupancy is the summed share.
+    """
+    dense = _share_matrix(taps, shape[0] * shape[1])
+    occupancy = jnp.sum(dense, axis=0)
+    filled = occupancy > floor
+    inverse = jnp.where(filled, 1.0 / jnp.where(filled, occupancy, 1.0), 0.0)
+    grid = (dense * inverse).T @ features
+    return grid.reshape(*shape, features.shape[1]), occupancy.reshape(shape)
+
+
+def sample_raster(grid: Float[Array, "h w c"], taps: RasterTaps) -> Float[Array, "n c"]:
+    """Bilinear samples of a grid at the points: grid to points; zero on padding and outside the grid."""
+    height, width, channels = grid.shape
+    return _share_matrix(taps, height * width) @ grid.reshape(-1, channels)
+
+
+def _share_matrix(taps: RasterTaps, cells: int) -> Float[Array, "n cells"]:
+    """The bilinear shares as a dense matrix `[n, cells]`."""
+    chosen = taps.cells[:, :, None] == jnp.arange(cells)[None, None, :]
+    return jnp.sum(jnp.where(chosen, taps.shares[:, :, None], 0.0), axis=1)
