@@ -1,0 +1,191 @@
+"""Beams: where a scanner aims, what a beam meets, and what comes back. Every function takes one beam; callers vmap."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax.scipy.stats import norm
+from jaxtyping import Array, Bool, Float, PRNGKeyArray
+
+from cablejax.simulate.shapes import SurfacePoint, Tube
+
+TRACE_STEPS = 48  # sphere-tracing steps: enough for every beam that is not lost by LEAST_COSINE
+LEAST_COSINE = 0.02  # beams within 1.1 degrees of the surface do not come back
+HIT_MM = 0.01  # a traced beam within this of the surface has met it
+
+
+class Beam(NamedTuple):
+    """A ray.
+
+    Attributes:
+        origin_mm: `[3]`.
+        direction: Unit vector `[3]`.
+    """
+
+    origin_mm: Float[Array, " 3"]
+    direction: Float[Array, " 3"]
+
+
+class Echo(NamedTuple):
+    """What a beam met.
+
+    Attributes:
+        hit: Whether the beam meets the surface within the scanned length `[]`.
+        range_mm: Range of the surface, or of the closest approach of a beam that misses `[]`.
+        xyz_mm: That point `[3]`; on the surface to rounding for a hit.
+        cosine: Cosine of the incidence angle `[]`.
+        margin_mm: How far inside the silhouette the beam passes `[]`, negative outside.
+    """
+
+    hit: Bool[Array, ""]
+    range_mm: Float[Array, ""]
+    xyz_mm: Float[Array, " 3"]
+    cosine: Float[Array, ""]
+    margin_mm: Float[Array, ""]
+
+
+def aim(
+    tube: Tube, head_mm: Float[Array, ""], arc_mm: Float[Array, ""], across: Float[Array, ""],
+    angle: Float[Array, ""], standoff_mm: Float[Array, ""], spread_mm: Float[Array, ""],
+) -> Beam:  # fmt: skip
+    """Beam from a head beside the cable towards the axis at `arc_mm`, shifted across the view.
+
+    Args:
+        tube: The cable.
+        head_mm: Arc length beside which the head stands.
+        arc_mm: Arc length aimed at.
+        across: Place across the view, -1 to 1 from rim to rim.
+        angle: Direction of the head around the cable, radians from the in-plane normal towards z.
+        standoff_mm: Distance of the head from the axis.
+        spread_mm: What is added to the silhouette's half-width on both sides.
+    """
+    base, tangent = tube.centreline.at(head_mm)
+    cos, sin = jnp.cos(angle), jnp.sin(angle)
+    outward = jnp.stack([-tangent[1] * cos, tangent[0] * cos, sin])
+    origin = jnp.concatenate([base, jnp.zeros(1)]) + standoff_mm * outward
+    target, tangent = tube.centreline.at(arc_mm)
+    target = jnp.concatenate([target, jnp.zeros(1)])
+    view = target - origin
+    side = jnp.cross(jnp.concatenate([tangent, jnp.zeros(1)]), view)
+    side = side / jnp.linalg.norm(side)
+    # a beam just touching the tube passes the axis at r / sqrt(1 - (r / d)^2), measured in the plane through the axis
+    ratio = tube.radius_mm / jnp.linalg.norm(view)
+    half_width = tube.radius_mm / jnp.sqrt(1 - ratio**2) + spread_mm
+    ray = view + across * half_width * side
+    return Beam(origin, ray / jnp.linalg.norm(ray))
+
+
+def cast(tube: Tube, beam: Beam) -> Echo:
+    """Meet the surface by sphere tracing; the last point is pulled onto the surface along the beam."""
+
+    def step(_, state):
+        t, nearest, nearest_t = state
+        distance = tube.signed_distance(beam.origin_mm + t * beam.direction)
+        closer = distance < nearest
+        return (
+            t + jnp.where(distance > 0.1 * HIT_MM, distance, 0.0),
+            jnp.where(closer, distance, nearest),
+            jnp.where(closer, t, nearest_t),
+        )
+
+    zero = jnp.zeros(())
+    t, nearest, nearest_t = jax.lax.fori_loop(0, TRACE_STEPS, step, (zero, zero + jnp.inf, zero))
+    met = nearest < HIT_MM
+    t = jnp.where(met, t, nearest_t)
+    xyz = beam.origin_mm + t * beam.direction
+    # Newton's method along the beam; one step is too little for grazing beams
+    for _ in range(2):
+        surface, cosine = _face(tube, beam, xyz)
+        ahead = met & (cosine > LEAST_COSINE)
+        shift = jnp.where(ahead, surface.signed_distance_mm / jnp.where(ahead, cosine, 1.0), 0.0)
+        xyz, t = xyz + shift * beam.direction, t + shift
+    surface, cosine = _face(tube, beam, xyz)
+    facing = met & (cosine > LEAST_COSINE) & (jnp.abs(surface.signed_distance_mm) < HIT_MM)
+    hit = facing & (surface.arc_mm >= 0) & (surface.arc_mm <= tube.length_mm)
+    # the beam passes the axis at r sin(incidence): r - r sin = r cos^2 / (1 + sin)
+    sine = jnp.sqrt(jnp.maximum(1 - cosine**2, 0.0))
+    margin = jnp.where(met, tube.radius_mm * cosine**2 / (1 + sine), -nearest)
+    return Echo(hit, t, xyz, cosine, margin)
+
+
+class Return(NamedTuple):
+    """A measured point.
+
+    Attributes:
+        xyz_mm: `[3]`.
+        valid: False for a beam that gave no point `[]`.
+        is_mixed: True where the range is averaged over the cable and what lies behind it `[]`.
+    """
+
+    xyz_mm: Float[Array, " 3"]
+    valid: Bool[Array, ""]
+    is_mixed: Bool[Array, ""]
+
+
+def _face(tube: Tube, beam: Beam, xyz: Float[Array, " 3"]) -> tuple[SurfacePoint, Float[Array, ""]]:
+    """The surface next to a point, and the cosine of the beam's incidence there."""
+    surface = tube.locate(xyz)
+    return surface, -jnp.dot(surface.normal, beam.direction)
+
+
+class Luck(NamedTuple):
+    """The random draws of one beam, all drawn at once outside, which is much faster than a key a beam.
+
+    Attributes:
+        normal: Standard normal: two tilts and the range `[3]`.
+        chance: Uniform on [0, 1): mixed or not, how deep, returned or not `[3]`.
+    """
+
+    normal: Float[Array, " 3"]
+    chance: Float[Array, " 3"]
+
+
+def draw_luck(key: PRNGKeyArray, beams: int) -> Luck:
+    """`Luck` of many beams, `[beams, 3]`. The key is consumed."""
+    first, second = jax.random.split(key)
+    return Luck(jax.random.normal(first, (beams, 3)), jax.random.uniform(second, (beams, 3)))
+
+
+def measure(tube: Tube, beam: Beam, numbers: dict[str, Array], luck: Luck) -> Return:
+    """What the scanner reports for one beam: jitter, mixed pixels, drop-outs, range noise, counting steps.
+
+    Args:
+        tube: The cable.
+        beam: The nominal beam.
+        numbers: The fields of `Scanner` as arrays `[]`.
+        luck: Its random draws.
+    """
+    draw, chance = luck
+    tilted = _tilt(beam, 1e-3 * numbers["jitter_mrad"] * draw[:2])
+    echo = cast(tube, tilted)
+    on_cable = norm.cdf(echo.margin_mm / jnp.maximum(numbers["footprint_mm"], 1e-6))
+    split = (on_cable > 0.02) & (on_cable < 0.98)
+    inside = (echo.hit | (echo.margin_mm < 0)) & split
+    is_mixed = inside & (chance[0] < numbers["mixed_share"]) & _within(tube, echo.xyz_mm)
+    behind = jnp.where(is_mixed, (1 - on_cable) * numbers["mixed_depth_mm"] * chance[1], 0.0)
+    kept = chance[2] < jax.nn.sigmoid((echo.cosine - numbers["dropout_cos"]) / numbers["dropout_width"])
+    valid = (echo.hit & kept) | is_mixed
+    grow = (echo.range_mm / numbers["standoff_mm"]) ** numbers["range_power"]
+    std = numbers["range_mm"] * grow / jnp.maximum(echo.cosine, 0.1) ** numbers["incidence_power"]
+    error = behind + numbers["range_bias_mm"] + std * draw[2]
+    quantum = numbers["quantum_mm"]
+    counted = jnp.round((echo.range_mm + error) / jnp.where(quantum > 0, quantum, 1.0)) * quantum - echo.range_mm
+    error = jnp.where(quantum > 0, counted, error)
+    # the scanner believes its nominal direction, not the jittered one
+    sideways = echo.range_mm * (beam.direction - tilted.direction)
+    return Return(echo.xyz_mm + sideways + error * beam.direction, valid, is_mixed)
+
+
+def _tilt(beam: Beam, angles: Float[Array, " 2"]) -> Beam:
+    """The beam turned by two small angles, in radians, about two axes across it."""
+    d = beam.direction
+    first = jnp.where(jnp.abs(d[2]) < 0.9, jnp.stack([d[1], -d[0], 0 * d[0]]), jnp.stack([0 * d[0], d[2], -d[1]]))
+    first = first / jnp.linalg.norm(first)
+    turned = d + angles[0] * first + angles[1] * jnp.cross(d, first)
+    return beam._replace(direction=turned / jnp.linalg.norm(turned))
+
+
+def _within(tube: Tube, xyz: Float[Array, " 3"]) -> Bool[Array, ""]:
+    """Whether the nearest point of the cable lies in the scanned length."""
+    arc = tube.locate(xyz).arc_mm
+    return (arc >= 0) & (arc <= tube.length_mm)

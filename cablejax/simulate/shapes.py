@@ -1,0 +1,140 @@
+"""Cable shapes: round tubes about a plane centreline, with exact signed distance, normal and local radius."""
+
+from typing import Literal, NamedTuple, get_args
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from cablejax.simulate.centrelines import Catenary, Centreline, arc_chain
+
+Shape = Literal["straight", "bend", "s-bend", "catenary"]
+BEND_RADIUS_DIAMETERS = 15.0  # the usual least bend radius of an installed single-core cable
+SMALLEST_RADIUS_DIAMETERS = 2.0  # tighter, and the tube comes near to its own centre of curvature
+
+
+class SurfacePoint(NamedTuple):
+    """A query's relation to the surface.
+
+    Attributes:
+        signed_distance_mm: Distance to the nearest surface point `[]`, negative inside.
+        normal: Outward unit normal there `[3]`.
+        radius_mm: Local radius of the cross-section `[]`.
+        arc_mm: Arc length along the centreline `[]`.
+        angle: Angle around the centreline, radians from the in-plane normal towards z `[]`.
+    """
+
+    signed_distance_mm: Float[Array, ""]
+    normal: Float[Array, " 3"]
+    radius_mm: Float[Array, ""]
+    arc_mm: Float[Array, ""]
+    angle: Float[Array, ""]
+
+
+class Tube(NamedTuple):
+    """A tube of constant radius. It runs on without end caps; a scan covers arc lengths 0 to `length_mm`.
+
+    Attributes:
+        centreline: The curve, in the plane z = 0, curving nowhere tighter than the radius.
+        radius_mm: Radius `[]`.
+        length_mm: Scanned length of the centreline `[]`.
+    """
+
+    centreline: Centreline
+    radius_mm: Float[Array, ""]
+    length_mm: Float[Array, ""]
+
+    def signed_distance(self, xyz: Float[Array, " 3"]) -> Float[Array, ""]:
+        """Distance of a point to the surface in mm, negative inside: the distance to the centreline less the radius."""
+        foot = self.centreline.foot(xyz)
+        return jnp.sqrt(foot.normal_mm**2 + foot.height_mm**2) - self.radius_mm
+
+    def locate(self, xyz: Float[Array, " 3"]) -> SurfacePoint:
+        """Signed distance, normal and place on the surface; on the centreline itself the normal is the in-plane one."""
+        foot = self.centreline.foot(xyz)
+        sq = foot.normal_mm**2 + foot.height_mm**2
+        rho = jnp.sqrt(sq)
+        inverse = jnp.where(sq > 0, 1 / jnp.where(sq > 0, rho, 1.0), 0.0)
+        cos = jnp.where(sq > 0, foot.normal_mm * inverse, 1.0)
+        sin = foot.height_mm * inverse
+        tx, ty = foot.tangent[0], foot.tangent[1]
+        normal = jnp.stack([-ty * cos, tx * cos, sin])
+        return SurfacePoint(rho - self.radius_mm, normal, self.radius_mm, foot.arc_mm, jnp.arctan2(sin, cos))
+
+    def point(self, arc_mm: Float[Array, ""], angle: Float[Array, ""]) -> Float[Array, " 3"]:
+        """The surface point at an arc length and an angle around the centreline."""
+        centre, tangent = self.centreline.at(arc_mm)
+        across = self.radius_mm * jnp.cos(angle)
+        return jnp.stack(
+            [centre[0] - tangent[1] * across, centre[1] + tangent[0] * across, self.radius_mm * jnp.sin(angle)]
+        )
+
+
+def make_tube(
+    shape: str, *, diameter_mm: float | int, length_mm: float | int, bend_radius_mm: float | int | None = None
+) -> Tube:
+    """A cable of a named shape.
+
+    Args:
+        shape: "straight"; "bend", a circular bend over the middle 60 % of the length; "s-bend", two opposite bends over
+            40 % each; "catenary", hanging from both ends.
+        diameter_mm: Outer diameter.
+        length_mm: Length of the centreline.
+        bend_radius_mm: Radius of the centreline's bends, at the lowest point for a catenary. 15 diameters by default,
+            the usual least radius of an installed single-core cable; not below 2 diameters.
+
+    Raises:
+        ValueError: If the shape is unknown or a size is out of range.
+
+    Example:
+        >>> import jax.numpy as jnp
+        >>> tube = make_tube("bend", diameter_mm=30.0, length_mm=400.0)
+        >>> abs(float(tube.signed_distance(tube.point(jnp.array(200.0), jnp.array(1.0))))) < 1e-4
+        True
+    """
+    if shape not in get_args(Shape):
+        raise ValueError(f"shape: expected one of {', '.join(get_args(Shape))}, got {shape!r}")
+    if not diameter_mm > 0:
+        raise ValueError(f"diameter_mm: expected a number above 0, got {diameter_mm!r}")
+    if not length_mm > 0:
+        raise ValueError(f"length_mm: expected a number above 0, got {length_mm!r}")
+    bend_radius_mm = BEND_RADIUS_DIAMETERS * diameter_mm if bend_radius_mm is None else bend_radius_mm
+    least = SMALLEST_RADIUS_DIAMETERS * diameter_mm
+    if not bend_radius_mm >= least:
+        raise ValueError(f"bend_radius_mm: expected at least 2 diameters, {least:g}, got {bend_radius_mm!r}")
+    return build_tube(shape, jnp.float32(diameter_mm), jnp.float32(length_mm), jnp.float32(bend_radius_mm))
+
+
+def build_tube(shape: str, diameter_mm: Array, length_mm: Array, bend_radius_mm: Array) -> Tube:
+    """`make_tube` without its checks, for sizes that are traced arrays. `shape` is static."""
+    if shape == "catenary":
+        half_span = bend_radius_mm * jnp.arcsinh(0.5 * length_mm / bend_radius_mm)
+        return Tube(Catenary(bend_radius_mm, half_span), 0.5 * diameter_mm, length_mm)
+    bend = 1 / bend_radius_mm
+    first = {"straight": 0.0, "bend": bend, "s-bend": bend}[shape]
+    second = {"straight": 0.0, "bend": bend, "s-bend": -bend}[shape]
+    return two_bends(0.5 * diameter_mm, length_mm, first, second, 0.4 if shape == "s-bend" else 0.3)
+
+
+def two_bends(
+    radius_mm: Array, length_mm: Array, first: Array | float, second: Array | float, share: Array | float
+) -> Tube:
+    """Two bends of the given curvatures (1/mm) over `share` of the length each, meeting half-way, straight outside.
+
+    Straight, bend and s-bend are all of this one form, so that a batch of clouds may mix them.
+    """
+    half = share * length_mm
+    tail = 0.5 * length_mm - half
+    pieces = [(tail, 0.0), (half, first), (half, second), (tail, 0.0)]
+    return Tube(_merge_ends(pieces), radius_mm, length_mm)
+
+
+def _merge_ends(pieces):
+    """Chain whose endless straights take over the straight tails, which saves two pieces a query."""
+    (tail, _), first, second, _ = pieces
+    chain = arc_chain([first, second])
+    return chain._replace(arc_mm=chain.arc_mm + tail)
+
+
+locate = jax.jit(jax.vmap(Tube.locate, in_axes=(None, 0)))
+signed_distance = jax.jit(jax.vmap(Tube.signed_distance, in_axes=(None, 0)))
