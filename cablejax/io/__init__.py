@@ -1,21 +1,30 @@
-"""Files in and out: checkpoints, provenance and TensorBoard logs."""
+"""Files in and out: scanner files, checkpoints, provenance and TensorBoard logs."""
 
 from cablejax.io.atomic import atomic_write
 from cablejax.io.checkpoints import Checkpoint, CorruptCheckpoint, checkpoint_files, restore_checkpoint, save_checkpoint
+from cablejax.io.open3d_import import import_open3d
+from cablejax.io.points import PointFile, read_points
 from cablejax.io.provenance import git_state, jsonable, provenance, read_json, write_json
+from cablejax.io.raw import PointFileError
 from cablejax.io.tensorboard import RunLogger
+from cablejax.io.write import write_points
 
 __all__ = [
     "Checkpoint",
     "CorruptCheckpoint",
+    "PointFile",
+    "PointFileError",
     "RunLogger",
     "atomic_write",
     "checkpoint_files",
     "git_state",
+    "import_open3d",
     "jsonable",
     "provenance",
     "read_json",
+    "read_points",
     "restore_checkpoint",
     "save_checkpoint",
     "write_json",
+    "write_points",
 ]

@@ -1,0 +1,187 @@
+"""Readers of LAS, LAZ, COPC and E57: run as a script in a process of their own, for their libraries are native code.
+
+On damaged files that code can loop, abort, or ask for terabytes. This file imports NumPy and the one library it needs
+and nothing of cablejax, so that the process starts quickly. `python child.py las|e57 FILE FOLDER MEMORY_BYTES` writes
+`xyz.npy`, `color.npy`, `intensity.npy` (the last two where the file has them) and `result.json` into FOLDER.
+"""
+
+import json
+import os
+import sys
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+CHUNK_BYTES = 64 * 2**20
+FLOAT_INTENSITY = "intensity_f32"
+CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
+SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
+COLORS = ("colorRed", "colorGreen", "colorBlue")
+
+Chunk = dict[str, Any]
+
+
+class Damaged(Exception):
+    """Why a file cannot be read."""
+
+
+def las_chunks(path: str, size: int | None = None) -> Iterator[Chunk]:
+    """Read a LAS, LAZ or COPC file piece by piece, without withheld points.
+
+    Args:
+        path: The file.
+        size: Points a piece; about `CHUNK_BYTES` where it is None.
+
+    Yields:
+        `xyz` `[m, 3]` float64, `color` `[m, 3]` uint16 or None, `intensity` `[m]` float32, `dropped`.
+
+    Raises:
+        Damaged: If the header promises more or fewer points than there are.
+    """
+    import laspy
+
+    with (
+        open(path, "rb") as file,
+        laspy.LasReader(file, laz_backend=laspy.LazBackend.Lazrs, read_evlrs=False) as reader,
+    ):
+        header = reader.header
+        promised, width = header.point_count, header.point_format.size
+        _check_las_size(path, header)
+        if not (np.isfinite(header.scales).all() and np.isfinite(header.offsets).all() and np.all(header.scales != 0)):
+            raise Damaged("has a damaged header: its scales or offsets are no numbers")
+        names = set(header.point_format.dimension_names)
+        read = 0
+        for points in reader.chunk_iterator(size or max(1, CHUNK_BYTES // max(width, 1))):
+            read += len(points)
+            yield _las_chunk(points, names)
+        if read != promised:
+            raise Damaged(f"is truncated: its header promises {promised:,} points, {read:,} are there")
+
+
+def _check_las_size(path: str, header: Any) -> None:
+    """Compare the size of an uncompressed file with what its header promises."""
+    if header.are_points_compressed:
+        return
+    width = header.point_format.size
+    held = (os.path.getsize(path) - header.offset_to_point_data) // width
+    if held < header.point_count:
+        raise Damaged(f"is truncated: its header promises {header.point_count:,} points, {max(0, held):,} are there")
+
+
+def _las_chunk(points: Any, names: set[str]) -> Chunk:
+    keep = np.ones(len(points), bool)
+    if "withheld" in names:
+        keep = np.asarray(points["withheld"]) == 0
+    xyz = np.stack([np.asarray(points[axis], np.float64) for axis in "xyz"], axis=1)[keep]
+    color = None
+    if {"red", "green", "blue"} <= names:
+        color = np.stack([np.asarray(points[name], np.uint16) for name in ("red", "green", "blue")], axis=1)[keep]
+    name = FLOAT_INTENSITY if FLOAT_INTENSITY in names else "intensity"
+    intensity = np.asarray(points[name], np.float32)[keep]
+    return {"xyz": xyz, "color": color, "intensity": intensity, "dropped": int((~keep).sum())}
+
+
+def e57_chunks(path: str, size: int = 1_000_000) -> Iterator[Chunk]:
+    """Read every scan of an E57 file piece by piece, moved by its pose, without invalid returns.
+
+    Yields:
+        `xyz` `[m, 3]` float64 in metres, `color` `[m, 3]` or None, `intensity` `[m]` or None, `dropped`.
+
+    Raises:
+        Damaged: If a scan has no coordinates, or fewer points than its header promises.
+    """
+    import pye57
+
+    file = pye57.E57(path)
+    for index in range(file.scan_count):
+        yield from _e57_scan(file, file.get_header(index), size)
+
+
+def _e57_scan(file: Any, header: Any, size: int) -> Iterator[Chunk]:
+    from pye57 import libe57  # pyright: ignore[reportAttributeAccessIssue]
+
+    available = set(header.point_fields)
+    axes = CARTESIAN if set(CARTESIAN) <= available else SPHERICAL
+    if not set(axes) <= available:
+        raise Damaged("has a scan without coordinates")
+    invalid = {"cartesianInvalidState", "sphericalInvalidState"} & available
+    fields = [*axes, *invalid, *(COLORS if set(COLORS) <= available else ()), *({"intensity"} & available)]
+    promised, read = header.point_count, 0
+    size = max(1, min(size, promised))
+    buffers = libe57.VectorSourceDestBuffer()
+    columns = {name: np.empty(size, np.float64) for name in fields}
+    for name, column in columns.items():
+        buffers.append(libe57.SourceDestBuffer(file.image_file, name, column, size, True, True))
+    if promised:
+        reader = header.points.reader(buffers)
+        while count := reader.read():
+            read += count
+            yield _e57_chunk({name: column[:count].copy() for name, column in columns.items()}, axes, invalid, header)
+        reader.close()
+    if read != promised:
+        raise Damaged(f"is truncated: its header promises {promised:,} points, {read:,} are there")
+
+
+def _e57_chunk(columns: dict[str, np.ndarray], axes: tuple[str, ...], invalid: set[str], header: Any) -> Chunk:
+    keep = np.ones(len(columns[axes[0]]), bool)
+    for name in invalid:
+        keep &= columns[name] == 0
+    a, b, c = (columns[name][keep] for name in axes)
+    xyz = np.stack([a, b, c], axis=1)
+    if axes is SPHERICAL:
+        xyz = np.stack([a * np.cos(c) * np.cos(b), a * np.cos(c) * np.sin(b), a * np.sin(c)], axis=1)
+    if header.has_pose():
+        xyz = xyz @ header.rotation_matrix.T + header.translation
+    color = None
+    if set(COLORS) <= columns.keys():
+        color = np.stack([columns[name][keep] for name in COLORS], axis=1)
+    intensity = columns["intensity"][keep].astype(np.float32) if "intensity" in columns else None
+    return {"xyz": xyz, "color": color, "intensity": intensity, "dropped": int((~keep).sum())}
+
+
+CHUNKS = {"las": las_chunks, "e57": e57_chunks}
+
+
+def main(kind: str, path: str, folder: str, memory_bytes: int) -> None:
+    """Read a file into a folder; every failure ends in `result.json`."""
+    limit_memory(memory_bytes)
+    result: dict[str, Any] = {"error": None, "dropped": 0}
+    try:
+        chunks = list(CHUNKS[kind](path))
+        result["dropped"] = sum(chunk["dropped"] for chunk in chunks)
+        for name in ("xyz", "color", "intensity"):
+            parts = [chunk[name] for chunk in chunks]
+            if parts and all(part is not None for part in parts):
+                np.save(os.path.join(folder, f"{name}.npy"), np.concatenate(parts))
+    except BaseException as error:  # noqa: BLE001 (a panic in native code is no Exception)
+        result["error"] = reason(error)
+    with open(os.path.join(folder, "result.json"), "w") as file:
+        json.dump(result, file)
+
+
+def reason(error: BaseException) -> str:
+    """A failure in one clause, to stand after the path."""
+    if isinstance(error, Damaged):
+        return str(error)
+    if isinstance(error, ImportError):
+        return f"needs a package that is missing ({error.name}): pip install 'cablejax[scan]'"
+    if isinstance(error, MemoryError):
+        return "is damaged, or larger than this machine's memory"
+    text = " ".join(str(error).split("****")[0].split())  # libE57 says it again below, with file names
+    return f"is damaged or truncated ({text[:160] or type(error).__name__})"
+
+
+def limit_memory(memory_bytes: int) -> None:
+    """Let a damaged length fail in this process instead of taking the machine down."""
+    try:
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    except (ImportError, ValueError, OSError):
+        return  # Windows, or a tighter limit set from outside
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], sys.argv[2], sys.argv[3], int(sys.argv[4]))
