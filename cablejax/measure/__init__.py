@@ -1,1 +1,22 @@
-"""cablejax.measure"""
+"""A cable's size from its scan: axis, sections, diameter, ovality, bend radius, each with what is known about it.
+
+`measure_cable` does it all; the rest of the public names are its result and its parts that stand alone. This part runs
+on the host in float64 NumPy and SciPy.
+"""
+
+from cablejax.measure.cable import MeasureSettings, measure_cable
+from cablejax.measure.errors import MeasureError
+from cablejax.measure.nominal import nominal_probabilities, verdict
+from cablejax.measure.result import BudgetLine, CableMeasurement
+from cablejax.measure.sections import Sections
+
+__all__ = [
+    "BudgetLine",
+    "CableMeasurement",
+    "MeasureError",
+    "MeasureSettings",
+    "Sections",
+    "measure_cable",
+    "nominal_probabilities",
+    "verdict",
+]

@@ -1,0 +1,46 @@
+"""`cablejax info`: what a point file holds."""
+
+import argparse
+from typing import Any
+
+from cablejax.cli.scans import load, rows
+
+
+def run(options: argparse.Namespace) -> dict[str, Any]:
+    """Count, extent, spacing and what else the file carries."""
+    import numpy as np
+    from scipy.spatial import KDTree
+
+    scan = load(options, options.scan)
+    xyz = scan.xyz_mm - scan.shift_mm
+    sample = xyz[np.random.default_rng(0).permutation(len(xyz))[:2000]]
+    spacing = float(np.median(KDTree(xyz).query(sample, k=2)[0][:, 1])) if len(xyz) > 1 else None
+    return {
+        "file": str(scan.path),
+        "unit": scan.unit,
+        "points": len(xyz),
+        "dropped": scan.dropped,
+        "minimum_mm": scan.xyz_mm.min(axis=0).tolist(),
+        "maximum_mm": scan.xyz_mm.max(axis=0).tolist(),
+        "spacing_mm": spacing,
+        "color": scan.color is not None,
+        "intensity": scan.intensity is not None,
+    }
+
+
+def table(result: dict[str, Any]) -> str:
+    """The result for reading."""
+    low, high = result["minimum_mm"], result["maximum_mm"]
+    extent = " x ".join(f"{b - a:.6g}" for a, b in zip(low, high, strict=True))
+    carried = [name for name in ("color", "intensity") if result[name]]
+    return rows(
+        [
+            ("file", result["file"]),
+            ("points", f"{result['points']:,} ({result['dropped']:,} invalid returns left out)"),
+            ("extent", f"{extent} mm, read as {result['unit']}"),
+            ("from", " ".join(f"{value:.6g}" for value in low) + " mm"),
+            ("to", " ".join(f"{value:.6g}" for value in high) + " mm"),
+            ("spacing", "none" if result["spacing_mm"] is None else f"{result['spacing_mm']:.3g} mm (median)"),
+            ("also holds", ", ".join(carried) or "coordinates alone"),
+        ]
+    )

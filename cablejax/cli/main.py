@@ -1,0 +1,161 @@
+"""Arguments, exit codes and error lines of the `cablejax` command."""
+
+import argparse
+import importlib
+import json
+import os
+import sys
+import warnings
+from collections.abc import Sequence
+
+EXIT_OK, EXIT_NO_RESULT, EXIT_USAGE = 0, 1, 2
+INTERRUPTED = 130
+
+UNITS = ("um", "mm", "cm", "dm", "m", "km", "in", "ft")
+VOLTAGES = ("3.6/6", "6/10", "8.7/15", "12/20", "18/30")
+
+EPILOG = """\
+exit codes: 0 a result, 1 no result (one line on stderr says why), 2 wrong usage
+examples:
+  cablejax measure scan.ply --unit mm --catalogue 8.7/15 --report scan.html
+  cablejax denoise scan.ply clean.ply --unit mm
+  cablejax simulate scan.ply --size 240 --arc 180
+"""
+
+
+class NoResultError(Exception):
+    """A command has no result; the message is the one line that its user sees."""
+
+
+def _scan_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "scan", help="point file: PLY, PCD, XYZ, TXT, CSV, PTS, PTX, OBJ, LAS, LAZ or E57, gzipped or not"
+    )
+    parser.add_argument("--unit", choices=UNITS, help="unit of the file's coordinates (default: mm, with a warning)")
+
+
+def _info(sub: argparse._SubParsersAction) -> None:
+    parser = sub.add_parser("info", help="what a point file holds: points, extent, spacing, invalid returns")
+    _scan_arguments(parser)
+
+
+def _measure(sub: argparse._SubParsersAction) -> None:
+    parser = sub.add_parser(
+        "measure",
+        help="diameter, ovality, length and bend radius of the cable in a scan, with their uncertainty",
+        description="Find the cable in a scan and measure it. The diameter comes with a 95 %% interval and its budget.",
+    )
+    _scan_arguments(parser)
+    parser.add_argument("--report", metavar="FILE.html", help="write a self-contained report")
+    parser.add_argument("--catalogue", metavar="KV", help="tell the nominal size, by rated voltage U0/U: 8.7/15")
+    parser.add_argument("--section", type=float, metavar="MM", help="distance between sections (default: D/4)")
+    parser.add_argument("--registration-std", type=float, default=0.0, metavar="MM", help="of the stations' alignment")
+    parser.add_argument(
+        "--scale-std", type=float, default=0.0, metavar="RATIO", help="of the scanner's scale, 1e-4 say"
+    )
+    parser.add_argument("--maker-std", type=float, default=0.0, metavar="MM", help="of makers' diameters about nominal")
+    parser.add_argument("--seed", type=int, default=0, help="of the random samples in the search (default: 0)")
+
+
+def _denoise(sub: argparse._SubParsersAction) -> None:
+    parser = sub.add_parser("denoise", help="remove outliers, smooth with the adaptive filter, write the cloud")
+    _scan_arguments(parser)
+    parser.add_argument("output", help="file to write: .ply, .pcd, .xyz, .csv, .las or .laz")
+    parser.add_argument("--neighbors", type=int, default=80, metavar="K", help="of the filter (default: 80)")
+    parser.add_argument(
+        "--order", type=int, choices=(0, 1, 2), default=2,
+        help="local surface: 0 the mean of the paper's equation (8), which shrinks a cable; 1 plane; 2 quadric (default)",
+    )  # fmt: skip
+    parser.add_argument("--std-ratio", type=float, default=2.0, help="outliers beyond so many deviations (default: 2)")
+    parser.add_argument("--no-filter", action="store_true", help="remove outliers alone")
+
+
+def _register(sub: argparse._SubParsersAction) -> None:
+    parser = sub.add_parser("register", help="the rigid motion that takes one scan onto another")
+    parser.add_argument("source", help="point file to move")
+    parser.add_argument("target", help="point file that stays")
+    parser.add_argument("--unit", choices=UNITS, help="unit of both files (default: mm, with a warning)")
+    parser.add_argument("--output", metavar="FILE", help="write the moved source")
+    parser.add_argument("--method", choices=("point", "plane", "gicp"), default="plane", help="default: plane")
+    parser.add_argument("--max-distance", type=float, metavar="MM", help="between partners (default: from the spacing)")
+    parser.add_argument("--voxel", type=float, metavar="MM", help="thin both clouds to one point per voxel first")
+
+
+def _simulate(sub: argparse._SubParsersAction) -> None:
+    parser = sub.add_parser("simulate", help="write a simulated scan of a catalogue cable, its true diameter beside it")
+    parser.add_argument("output", help="file to write: .ply, .pcd, .xyz, .csv, .las or .laz")
+    parser.add_argument("--size", type=float, default=240, metavar="MM2", help="conductor cross-section (default: 240)")
+    parser.add_argument("--voltage", default="8.7/15", metavar="KV", help="rated voltage U0/U (default: 8.7/15)")
+    parser.add_argument("--points", type=int, default=53_135, help="default: 53135")
+    parser.add_argument("--preset", default="line-laser", help="scanner (default: line-laser)")
+    parser.add_argument("--shape", default="straight", help="default: straight")
+    parser.add_argument("--length", type=float, default=400.0, metavar="MM", help="default: 400")
+    parser.add_argument("--arc", type=float, default=360.0, metavar="DEG", help="circumference seen (default: 360)")
+    parser.add_argument("--outliers", type=float, default=0.02, metavar="SHARE", help="default: 0.02")
+    parser.add_argument("--seed", type=int, default=0, help="default: 0")
+
+
+COMMANDS = {"info": _info, "measure": _measure, "denoise": _denoise, "simulate": _simulate}
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """The command's arguments."""
+    from cablejax import __version__
+
+    parser = argparse.ArgumentParser(
+        prog="cablejax",
+        description="Cable scans: clean, register, measure and simulate them.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"cablejax {__version__}")
+    sub = parser.add_subparsers(dest="command", required=True, metavar="command")
+    for add in COMMANDS.values():
+        add(sub)
+    for choice in sub.choices.values():
+        choice.add_argument("--json", action="store_true", help="print the result as JSON instead of a table")
+        choice.add_argument("--quiet", action="store_true", help="no progress on stderr")
+    return parser
+
+
+def _warn_plainly(message, category, filename, lineno, file=None, line=None) -> None:
+    sys.stderr.write(f"cablejax: warning: {message}\n")
+
+
+def _dump(result: dict) -> None:
+    sys.stdout.write(json.dumps(result, indent=2, allow_nan=False) + "\n")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command and return its exit code: 0 a result, 1 no result, 2 wrong usage.
+
+    Errors that a user can do something about are one line on stderr; a traceback means a defect of this program.
+    """
+    options = build_parser().parse_args(arguments)
+    module = importlib.import_module(f"cablejax.cli.{options.command}")
+    keep_compiled()
+    with warnings.catch_warnings():
+        warnings.showwarning = _warn_plainly
+        try:
+            result = module.run(options)
+            _dump(result) if options.json else sys.stdout.write(module.table(result) + "\n")
+            sys.stdout.flush()
+        except NoResultError as error:
+            sys.stderr.write(f"cablejax: {error}\n")
+            return EXIT_NO_RESULT
+        except KeyboardInterrupt:
+            sys.stderr.write("cablejax: interrupted\n")
+            return INTERRUPTED
+        except BrokenPipeError:  # the reader of stdout has gone: nothing is left to say
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return EXIT_OK
+
+
+def keep_compiled() -> None:
+    """Keep compiled kernels under the user's cache folder from one call to the next, unless told where else."""
+    import jax
+
+    if jax.config.jax_compilation_cache_dir is None:
+        base = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
+        jax.config.update("jax_compilation_cache_dir", os.path.join(base, "cablejax", "jax"))
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)

@@ -1,0 +1,94 @@
+"""`cablejax measure`: the cable in a scan, with its diameter and what is known about it."""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cablejax.cli.main import NoResultError
+from cablejax.cli.scans import check_output, load, rows, say
+
+if TYPE_CHECKING:
+    from cablejax.io import PointFile
+    from cablejax.measure import CableMeasurement
+
+
+def _sizes(voltage: str | None) -> dict[str, float] | None:
+    """Overall diameter in mm by name, of the catalogue for a rated voltage."""
+    if voltage is None:
+        return None
+    from cablejax.simulate import catalogue
+
+    try:
+        return {cable.name: float(cable.diameter_mm) for cable in catalogue(voltage)}
+    except ValueError as error:
+        raise NoResultError(f"--catalogue {voltage}: {error}") from None
+
+
+def run(options: argparse.Namespace) -> dict[str, Any]:
+    """Read, measure, write the report."""
+    if options.report is not None:
+        Path(options.report).parent.mkdir(parents=True, exist_ok=True)
+        check_output(options.report, (".html", ".htm"))
+    sizes = _sizes(options.catalogue)
+    scan = load(options, options.scan)
+    from cablejax.measure import MeasureError, MeasureSettings, measure_cable
+
+    settings = MeasureSettings(
+        section_mm=options.section,
+        registration_std_mm=options.registration_std,
+        scale_std=options.scale_std,
+        maker_std_mm=options.maker_std,
+        seed=options.seed,
+    )
+    say(options, f"measuring {len(scan.xyz_mm):,} points")
+    try:
+        result = measure_cable(scan.xyz_mm, catalogue=sizes, settings=settings)
+    except MeasureError as error:
+        raise NoResultError(f"{options.scan}: {error}") from None
+    if options.report is not None:
+        _write_report(options, scan, result)
+    return {"file": str(scan.path), "file_unit": scan.unit, "dropped": scan.dropped, **result.to_dict()}
+
+
+def _write_report(options: argparse.Namespace, scan: "PointFile", result: "CableMeasurement") -> None:
+    from cablejax import report
+
+    page = getattr(report, "measurement_page", None)
+    if page is None:
+        raise NoResultError("--report: this version of cablejax cannot write the report of a measurement")
+    html = page(result, title=Path(options.scan).name, source=str(options.scan), xyz_mm=scan.xyz_mm)
+    Path(options.report).write_text(html, encoding="utf-8")
+    say(options, f"report: {options.report}")
+
+
+def _interval(interval: list[float] | None, digits: str = ".3f") -> str:
+    return "" if interval is None else f"  (95 %: {interval[0]:{digits}} to {interval[1]:{digits}})"
+
+
+def table(result: dict[str, Any]) -> str:
+    """The result for reading: numbers, budget, nominal sizes, warnings."""
+    r = result
+    bend = "straight within its uncertainty"
+    if r["bend_radius_mm"] is not None:
+        bend = f"{r['bend_radius_mm']:.0f} mm{_interval(r['bend_interval_mm'], '.0f')}"
+        bend += f", {r['bend_radius_mm'] / r['diameter_mm']:.1f} diameters"
+    pairs = [("diameter", f"{r['diameter_mm']:.3f} mm{_interval(r['interval_mm'])}")]
+    if r["ovality"] is not None:
+        across = f"{r['minimum_mm']:.3f} mm by {r['maximum_mm']:.3f} mm"
+        pairs.append(("ovality", f"{100 * r['ovality']:.2f} % +- {196 * r['ovality_std']:.2f} %, {across}"))
+    pairs += [
+        ("length", f"{r['length_mm']:.1f} mm"),
+        ("bend radius", bend),
+        ("seen", f"{r['arc_deg']:.0f} degrees of the circumference, {r['points']:,} points"),
+        ("noise", f"{r['noise_mm']:.3f} mm (standard deviation about the surface)"),
+    ]
+    if r["verdict"] is not None:
+        pairs.append(("nominal size", r["verdict"]))
+    parts = [f"{r['file']}", rows(pairs), "", "  uncertainty of the diameter (standard deviation)"]
+    total = ("together", f"{r['std_mm']:.4f} mm")
+    parts.append(rows([*((line["source"], f"{line['std_mm']:.4f} mm") for line in r["budget"]), total]))
+    likely = [(name, f"{100 * p:.1f} %") for name, p in r["nominal"].items() if p >= 0.001]
+    if likely:
+        parts += ["", "  probability of the nominal sizes", rows(likely)]
+    parts += ["", *(f"  note: {warning}" for warning in r["warnings"])] if r["warnings"] else []
+    return "\n".join(parts)

@@ -1,0 +1,78 @@
+"""Reading a scan for a command: progress on stderr, the unit, errors in one line."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from cablejax.cli.main import NoResultError
+
+if TYPE_CHECKING:
+    from cablejax.io import PointFile
+
+
+def say(options: argparse.Namespace, text: str) -> None:
+    """A line of progress on stderr, unless `--quiet`."""
+    if not options.quiet:
+        sys.stderr.write(f"{text}\n")
+        sys.stderr.flush()
+
+
+def load(options: argparse.Namespace, path: str) -> "PointFile":
+    """Read a scan in the unit given, in mm with a warning if none was.
+
+    Raises:
+        NoResultError: If the file gives no cloud.
+    """
+    from cablejax.io import PointFileError, read_points
+
+    say(options, f"reading {path}")
+    try:
+        scan = read_points(path, unit=options.unit or "mm")
+    except PointFileError as error:
+        raise NoResultError(str(error)) from None
+    if options.unit is None:
+        sys.stderr.write("cablejax: warning: no --unit given, the file is taken to be in mm\n")
+    if scan.dropped:
+        say(options, f"{scan.dropped:,} invalid returns left out, {len(scan.xyz_mm):,} points kept")
+    return scan
+
+
+def check_output(path: str, endings: tuple[str, ...]) -> None:
+    """Refuse a file that cannot be written before the work is done.
+
+    Raises:
+        NoResultError: If its folder is missing, it is a folder, or its ending is not among `endings`.
+    """
+    target = Path(path)
+    if target.is_dir():
+        raise NoResultError(f"{path}: is a folder, not a file")
+    if target.suffix.lower() not in endings:
+        raise NoResultError(f"{path}: expected one of the endings {', '.join(endings)}")
+    if not target.parent.exists():
+        raise NoResultError(f"{path}: the folder {target.parent} does not exist")
+
+
+def save(path: str, xyz_mm, **fields) -> None:
+    """Write a cloud.
+
+    Raises:
+        NoResultError: If it cannot be written.
+    """
+    from cablejax.io import PointFileError, write_points
+
+    try:
+        write_points(path, xyz_mm, **fields)
+    except PointFileError as error:
+        raise NoResultError(str(error)) from None
+    except OSError as error:
+        raise NoResultError(f"{path}: cannot be written ({error.strerror})") from None
+
+
+WRITABLE = (".ply", ".pcd", ".xyz", ".csv", ".las", ".laz")
+
+
+def rows(pairs: list[tuple[str, str]]) -> str:
+    """Names and values in two columns."""
+    width = max(len(name) for name, _ in pairs)
+    return "\n".join(f"  {name:<{width}}  {value}" for name, value in pairs)

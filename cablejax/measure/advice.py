@@ -1,0 +1,90 @@
+"""What is said to the person with the scanner: why there is no result, and what to know before using one."""
+
+import numpy as np
+from jaxtyping import Float
+
+from cablejax.measure.candidates import Find
+from cablejax.measure.errors import MeasureError
+from cablejax.measure.result import CableMeasurement
+
+MIN_POINTS = 50
+SMALLEST_MM, LARGEST_MM = 1.0, 250.0  # no power cable is thinner or thicker, sheath included
+LONGEST_MM = 1e6
+
+
+def check_cloud(xyz: Float[np.ndarray, "n 3"], given: int) -> None:
+    """Refuse clouds on which nothing can be sought.
+
+    Raises:
+        MeasureError: For too few points, or points that all coincide or lie on one line.
+    """
+    if len(xyz) < MIN_POINTS:
+        lost = "" if given == len(xyz) else f" ({given - len(xyz)} of {given} rows hold no valid coordinates)"
+        raise MeasureError(f"Too few points: {len(xyz)} where at least {MIN_POINTS} are needed{lost}.")
+    extent = np.ptp(xyz, axis=0)
+    if extent.max() == 0:
+        raise MeasureError(f"All {len(xyz)} points are equal: there is no surface to measure.")
+    spread = np.linalg.svd(xyz - xyz.mean(axis=0), compute_uv=False)
+    if spread[1] < 1e-9 * spread[0]:
+        raise MeasureError("All points lie on one line: there is no surface to measure.")
+
+
+def nothing_found(find: Find) -> MeasureError:
+    """The error for a scan without a cable: a plane instead, or nothing round."""
+    if find.planes and find.flat_share > 0.5:
+        return MeasureError(
+            f"No cable found: {100 * find.flat_share:.0f} % of the points lie on "
+            f"{'a plane' if len(find.planes) == 1 else f'{len(find.planes)} planes'}, and the rest is not round. "
+            "Scan the cable itself, or cut the scan closer to it."
+        )
+    return MeasureError(
+        "No cable found: nothing in the scan is round and at least as long as its own radius. "
+        "Cut the scan closer to the cable, or scan it with more points."
+    )
+
+
+def arc_too_small(arc_deg: float, least_deg: float, find: Find) -> MeasureError:
+    """The error for a scan that shows too little of the circumference."""
+    flat = " The points may as well lie on a plane." if arc_deg < 20 or find.planes else ""
+    return MeasureError(
+        f"The scan shows {arc_deg:.0f} degrees of the circumference, and at least {least_deg:.0f} are needed for a "
+        f"diameter.{flat} Scan the cable from a second side."
+    )
+
+
+def _about_unit(result: CableMeasurement) -> list[str]:
+    size = f"The diameter comes out at {result.diameter_mm:.4g} mm"
+    if result.diameter_mm < SMALLEST_MM:
+        return [f"{size}, thinner than any power cable: is the file in metres rather than millimetres?"]
+    if result.diameter_mm > 1000 * SMALLEST_MM and result.length_mm > 1e4:
+        return [f"{size}, thicker than any cable: was a file in millimetres read as metres?"]
+    if result.diameter_mm > LARGEST_MM:
+        return [f"{size}, thicker than any power cable: this is a pole, a pipe or a stem, or the unit is wrong."]
+    if result.length_mm > LONGEST_MM:
+        return [f"The length comes out at {result.length_mm / 1000:.4g} m: is the unit of the file right?"]
+    return []
+
+
+def warnings_about(result: CableMeasurement, find: Find, *, oval_arc_deg: float) -> list[str]:
+    """Sentences that belong beside a result."""
+    out = _about_unit(result)
+    if result.arc_deg < oval_arc_deg:
+        out.append(
+            f"Only {result.arc_deg:.0f} degrees of the circumference were seen: the section is taken to be round, "
+            "and an oval one would not show."
+        )
+    if len(find.walks) > 1:
+        first, second = find.walks[:2]
+        if second.length_mm > 0.3 * first.length_mm and 0.5 < second.radius_mm / first.radius_mm < 2:
+            out.append(
+                f"A second cable was found, of about {2 * second.radius_mm:.3g} mm over {second.length_mm:.4g} mm: the "
+                "longer and better one was measured. Cut the scan to measure the other."
+            )
+    if result.noise_mm > 0.1 * result.diameter_mm:
+        out.append(
+            f"The points scatter by {result.noise_mm:.2g} mm about the surface, a tenth of the diameter or more: the "
+            "surface may not be that of a cable."
+        )
+    if result.length_mm < 2 * result.diameter_mm:
+        out.append("The piece is shorter than two diameters: a short round thing may be no cable at all.")
+    return out

@@ -1,0 +1,50 @@
+"""How tightly an axis bends: the radius of the circle through stretches of it."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from cablejax.measure.axis import Axis
+
+
+class Bend(NamedTuple):
+    """The tightest bend: its radius in mm, where along the axis it is, and the 95 % interval of the radius."""
+
+    radius_mm: float
+    at_mm: float
+    interval_mm: tuple[float, float]
+
+
+def tightest_bend(axis: Axis, *, window_mm: float, center_std_mm: float) -> Bend | None:
+    """The largest curvature over stretches of `window_mm`, or None where the axis is straight within its uncertainty.
+
+    A parabola is fitted to each stretch in the frame of its middle. The axis is uncertain by `center_std_mm` per
+    independent piece, taken as a quarter of the window.
+
+    Args:
+        axis: The cable's axis.
+        window_mm: Length of a stretch; shorter cables are looked at as a whole.
+        center_std_mm: Standard deviation of the axis across its length.
+    """
+    window = min(window_mm, axis.length_mm)
+    step = axis.s[1] - axis.s[0]
+    half = max(2, int(window / 2 / step))
+    rows = range(half, len(axis.s) - half, max(1, half // 4))
+    curvature, where = [], []
+    for row in rows:
+        part = slice(row - half, row + half + 1)
+        s = axis.s[part] - axis.s[row]
+        offset = axis.xyz[part] - axis.xyz[row]
+        bent = np.polynomial.polynomial.polyfit(s, offset, 2)[2]
+        along = axis.tangent[row]
+        curvature.append(2 * float(np.linalg.norm(bent - (bent @ along) * along)))
+        where.append(float(axis.s[row]))
+    if not curvature:
+        return None
+    best = int(np.argmax(curvature))
+    # A parabola through five independent centres over a window w: curvature std = 2 sqrt(180 / 5) std / w^2.
+    std = 12.0 * center_std_mm / window**2
+    k = curvature[best]
+    if k < 3 * std:
+        return None
+    return Bend(1 / k, where[best], (1 / (k + 1.96 * std), 1 / max(k - 1.96 * std, 1e-12)))

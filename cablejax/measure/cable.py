@@ -1,0 +1,220 @@
+"""From a scan to a diameter: find the cable, fit its axis and radius, and say how well each number is known."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Num
+
+from cablejax.measure.advice import arc_too_small, check_cloud, nothing_found, warnings_about
+from cablejax.measure.axis import Axis, locate, smoothed, trimmed
+from cablejax.measure.bend import tightest_bend
+from cablejax.measure.budget import COVERAGE, combined, noise_bias_mm, uncertainty_budget
+from cablejax.measure.candidates import Find, find_cables
+from cablejax.measure.errors import MeasureError
+from cablejax.measure.fit import CableFit, fit_cable
+from cablejax.measure.nominal import nominal_probabilities, verdict
+from cablejax.measure.result import CableMeasurement
+from cablejax.measure.sections import Oval, Sections, cut, oval
+from cablejax.measure.walk import Walk
+from cablejax.types import PointCloud
+
+KEEP_SIGMA = 3.5  # standard deviations from the surface within which a point counts as the cable's
+
+
+@dataclass(frozen=True)
+class MeasureSettings:
+    """How a cable is sought and judged.
+
+    Attributes:
+        min_arc_deg: Least circumference that must be seen; below it the diameter is not reported.
+        oval_arc_deg: Least circumference on which ovality is reported.
+        section_mm: Distance between sections; a quarter of the diameter if None, and at most 200 sections.
+        registration_std_mm: Standard deviation of the stations' alignment, for the budget.
+        scale_std: Relative standard deviation of the scanner's scale, for the budget.
+        filter_std_mm: Standard deviation that a filter applied before has left in the diameter, for the budget.
+        maker_std_mm: Standard deviation of the makers' diameters about the catalogue's, for the nominal size.
+        seed: Of the random samples with which the cable is sought.
+    """
+
+    min_arc_deg: float = 40.0
+    oval_arc_deg: float = 175.0
+    section_mm: float | None = None
+    registration_std_mm: float = 0.0
+    scale_std: float = 0.0
+    filter_std_mm: float = 0.0
+    maker_std_mm: float = 0.0
+    seed: int = 0
+
+
+def _points(cloud_or_xyz_mm: PointCloud | Num[np.ndarray, "n 3"]) -> tuple[np.ndarray, np.ndarray]:
+    """All points in float64, and which of them are points at all: padding and NaN are not."""
+    if isinstance(cloud_or_xyz_mm, PointCloud):
+        xyz = np.asarray(cloud_or_xyz_mm.xyz, dtype=np.float64)
+        valid = np.array(cloud_or_xyz_mm.mask)
+    else:
+        xyz = np.asarray(cloud_or_xyz_mm, dtype=np.float64)
+        if xyz.ndim != 2 or xyz.shape[1] != 3:
+            raise ValueError(f"cloud_or_xyz_mm: expected shape [n, 3], got {list(xyz.shape)}")
+        valid = np.ones(len(xyz), dtype=bool)
+    return xyz, valid & np.isfinite(xyz).all(axis=1)
+
+
+def _tube(axis: Axis, radius: float, xyz: np.ndarray) -> np.ndarray:
+    """Points within 30 % of the radius of the surface, and no further than a radius beyond the ends."""
+    box = (xyz > axis.xyz.min(axis=0) - 2 * radius).all(axis=1) & (xyz < axis.xyz.max(axis=0) + 2 * radius).all(axis=1)
+    rows = np.flatnonzero(box)
+    if len(rows) == 0:
+        return rows
+    place = locate(axis, xyz[rows])
+    distance = np.hypot(place.u, place.v)
+    inside = (place.s > -radius) & (place.s < axis.s[-1] + radius)
+    return rows[inside & (np.abs(distance - radius) < 0.3 * radius)]
+
+
+def _fit(xyz: np.ndarray, way: Walk) -> tuple[CableFit, np.ndarray]:
+    """Fit axis and radius to the full cloud about a walk; the rows that took part."""
+    radius = way.radius_mm
+    axis = smoothed(way.axis, knot_mm=4 * radius, step=0.2 * radius, extend_mm=2 * radius)
+    rows = np.empty(0, dtype=int)
+    fit = None
+    for _ in range(3):  # a start that is 10 % off cuts the tube on one side: cut again about the fit
+        previous, rows = rows, _tube(axis, radius, xyz)
+        if len(rows) < 30:
+            raise MeasureError(f"Too few points on the cable: {len(rows)} where at least 30 are needed.")
+        if np.array_equal(previous, rows) and fit is not None:
+            break
+        fit = fit_cable(xyz[rows], axis, radius)
+        used = fit.weight > 0
+        low, high = fit.place.s[used].min(), fit.place.s[used].max()
+        axis, radius = trimmed(fit.axis, float(low), float(high)), fit.radius_mm
+    assert fit is not None
+    return fit, rows
+
+
+def _sections(fit: CableFit, settings: MeasureSettings) -> Sections:
+    length = float(np.ptp(fit.place.s[fit.weight > 0]))
+    step = settings.section_mm if settings.section_mm is not None else 0.5 * fit.radius_mm
+    return cut(fit, step_mm=max(step, length / 200))
+
+
+def _headline(fit: CableFit, shape: Oval | None) -> float:
+    """The diameter reported: of the circle, or of the oval where the scan shows a certain one; noise bias taken off."""
+    certain = shape is not None and shape.maximum_mm - shape.minimum_mm > 4 * shape.amplitude_std_mm
+    mean = shape.diameter_mm if shape is not None and certain else 2 * fit.radius_mm
+    return mean - noise_bias_mm(fit)
+
+
+def _painted(fit: CableFit, rows: np.ndarray, n: int) -> dict[str, np.ndarray]:
+    """Deviation and cable coordinates of every point of the scan, NaN off the cable, and which points are the cable's."""
+    out = {name: np.full(n, np.nan) for name in ("deviation_mm", "along_mm", "angle_deg")}
+    out["deviation_mm"][rows] = fit.residual_mm
+    out["along_mm"][rows] = fit.place.s - fit.place.s[fit.weight > 0].min()
+    out["angle_deg"][rows] = np.degrees(np.arctan2(fit.place.v, fit.place.u))
+    keep = np.zeros(n, dtype=bool)
+    keep[rows] = np.abs(fit.residual_mm) < KEEP_SIGMA * fit.noise_mm
+    return {"keep": keep, **out}
+
+
+def measure_cable(
+    cloud_or_xyz_mm: PointCloud | Num[np.ndarray, "n 3"],
+    *,
+    catalogue: Mapping[str, float] | None = None,
+    settings: MeasureSettings | None = None,
+) -> CableMeasurement:
+    """Find the cable in a scan and measure it.
+
+    Flat clutter is taken out, cylinders are sought by random samples, the best one is followed along its bends, and one
+    radius with a smooth axis is fitted by robust least squares to the scan's own points, unfiltered: a filter would
+    narrow the scatter and shift the surface. Noise widens a diameter by its square over the radius; that is taken off.
+
+    Args:
+        cloud_or_xyz_mm: The scan `[n, 3]` in millimetres, or a padded cloud. Rows with NaN are passed over. float64 is
+            kept where it is given.
+        catalogue: Overall diameter in mm of each nominal size by name, to tell the size from the diameter.
+        settings: Thresholds and what is known of the scanner.
+
+    Returns:
+        The measurement; its arrays `keep` and `deviation_mm` have a row per row of the scan.
+
+    Raises:
+        MeasureError: If the scan does not hold a cable that can be measured, with the reason in words.
+        ValueError: If the scan is not `[n, 3]`.
+
+    Example:
+        >>> rng = np.random.default_rng(0)
+        >>> angle, along = rng.uniform(0, np.pi, 4000), rng.uniform(0, 200, 4000)
+        >>> xyz = np.stack([along, 10 * np.cos(angle), 10 * np.sin(angle)], axis=1)
+        >>> result = measure_cable(xyz + 0.05 * rng.normal(size=xyz.shape))
+        >>> abs(result.diameter_mm - 20) < 0.02
+        True
+    """
+    settings = settings if settings is not None else MeasureSettings()
+    every, valid = _points(cloud_or_xyz_mm)
+    check_cloud(every[valid], len(every))
+    shift = np.median(every[valid], axis=0)  # keeps the arithmetic near the origin
+    xyz = every[valid] - shift
+    find = find_cables(xyz, rng=np.random.default_rng(settings.seed))
+    if not find.walks:
+        raise nothing_found(find)
+    fit, rows = _fit(xyz, find.walks[0])
+    sections = _sections(fit, settings)
+    seen = sections.points >= 0.2 * np.median(sections.points)
+    arc = float(np.median(sections.arc_deg[seen]))
+    if arc < settings.min_arc_deg:
+        raise arc_too_small(arc, settings.min_arc_deg, find)
+    return _assembled(every, valid, shift, fit, rows, sections, arc, find, catalogue, settings)
+
+
+def _assembled(
+    every: Float[np.ndarray, "n 3"],
+    valid: np.ndarray,
+    shift: np.ndarray,
+    fit: CableFit,
+    rows: np.ndarray,
+    sections: Sections,
+    arc: float,
+    find: Find,
+    catalogue: Mapping[str, float] | None,
+    settings: MeasureSettings,
+) -> CableMeasurement:
+    """The result from the fit: numbers, budget, nominal size and warnings."""
+    shape = oval(fit) if arc >= settings.oval_arc_deg else None
+    diameter = _headline(fit, shape)
+    lines = uncertainty_budget(
+        fit,
+        registration_std_mm=settings.registration_std_mm,
+        scale_std=settings.scale_std,
+        filter_std_mm=settings.filter_std_mm,
+    )
+    std = combined(lines)
+    used = fit.weight > 0
+    axis = trimmed(fit.axis, float(fit.place.s[used].min()), float(fit.place.s[used].max()))
+    per_section = max(float(np.median(sections.points)), 1.0)
+    center_std = fit.noise_mm * np.sqrt(360 / max(arc, 1.0) * 4 / per_section)
+    bend = tightest_bend(axis, window_mm=8 * fit.radius_mm, center_std_mm=center_std)
+    nominal_std = float(np.hypot(std, settings.maker_std_mm))
+    nominal = {} if catalogue is None else nominal_probabilities(diameter, nominal_std, catalogue)
+    result = CableMeasurement(
+        diameter_mm=diameter,
+        std_mm=std,
+        interval_mm=(diameter - COVERAGE * std, diameter + COVERAGE * std),
+        minimum_mm=None if shape is None else shape.minimum_mm,
+        maximum_mm=None if shape is None else shape.maximum_mm,
+        ovality=None if shape is None else (shape.maximum_mm - shape.minimum_mm) / shape.diameter_mm,
+        ovality_std=None if shape is None else shape.amplitude_std_mm / shape.diameter_mm,
+        length_mm=axis.length_mm,
+        bend_radius_mm=None if bend is None else bend.radius_mm,
+        bend_interval_mm=None if bend is None else bend.interval_mm,
+        arc_deg=arc,
+        noise_mm=fit.noise_mm,
+        points=int(used.sum()),
+        axis_mm=axis.xyz + shift,
+        sections=sections._replace(s_mm=sections.s_mm - fit.place.s[used].min()),
+        **_painted(fit, np.flatnonzero(valid)[rows], len(every)),
+        budget=lines,
+        nominal=nominal,
+        verdict=None if catalogue is None else verdict(nominal, diameter, nominal_std, catalogue),
+    )
+    result.warnings.extend(warnings_about(result, find, oval_arc_deg=settings.oval_arc_deg))
+    return result

@@ -1,0 +1,97 @@
+"""Which points of a scan are the cable: flat clutter out, cylinders sought, walked and compared."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from cablejax.measure.cylinder import radial
+from cablejax.measure.planes import Plane, find_planes
+from cablejax.measure.search import find_candidates, score, tolerance_of
+from cablejax.measure.thinning import Surface, surface
+from cablejax.measure.walk import Walk, walk
+
+MOST_WALKS = 16
+ROUNDS = 3  # of taking out planes and thinning what is left less
+
+
+class Find(NamedTuple):
+    """What a scan holds.
+
+    Attributes:
+        walks: Long round things, the best first; none shares most of its points with a better one.
+        planes: Flat regions taken out before.
+        flat_share: The part of the points that lay on them.
+        surface: The thinned cloud that the walks' rows refer to.
+    """
+
+    walks: list[Walk]
+    planes: list[Plane]
+    flat_share: float
+    surface: Surface
+
+
+def _without_planes(xyz: np.ndarray, target: int, rng: np.random.Generator) -> tuple[Surface, list[Plane], int]:
+    """Thin; take planes out of the full cloud; thin the rest again, which leaves more of a small cable."""
+    planes: list[Plane] = []
+    kept = xyz
+    for _ in range(ROUNDS):
+        thinned = surface(kept, target=target)
+        found, flat = find_planes(thinned, rng=rng)
+        if not found:
+            break
+        planes += found
+        reach = 3 * float(np.median(thinned.roughness_mm)) + 0.05 * thinned.spacing_mm
+        near = np.zeros(len(kept), dtype=bool)
+        for plane in found:
+            offset = kept - plane.center
+            height = offset @ plane.normal
+            side = np.linalg.norm(offset - height[:, None] * plane.normal, axis=1)
+            near |= (np.abs(height) < reach) & (side < 3 * plane.along_mm)
+        if (~near).sum() < 50:
+            return thinned.subset(~flat), planes, int((~near).sum())
+        kept = kept[~near]
+    else:
+        thinned = surface(kept, target=target)
+    return thinned, planes, len(kept)
+
+
+def merit(thinned: Surface, way: Walk) -> float:
+    """How much of a cable a walk is: its points on the surface, the arc they show, and its slenderness up to 2."""
+    slender = min(way.length_mm / (2 * way.radius_mm), 2.0)
+    _, outward, along = radial(way.start, thinned.xyz[way.rows])
+    near = np.abs(along) < 2 * way.radius_mm
+    gathered = float(np.linalg.norm(outward[near].mean(axis=0))) if near.any() else 1.0
+    return len(way.rows) * slender * float(np.sqrt(max(0.0, 1 - gathered)))
+
+
+def find_cables(
+    xyz: Float[np.ndarray, "n 3"], *, rng: np.random.Generator, target: int = 20_000, most: int = 3
+) -> Find:
+    """Search a scan for cables.
+
+    Args:
+        xyz: Points `[n, 3]`, mm, without NaN.
+        rng: Source of the random samples.
+        target: Number of points to thin to.
+        most: How many walks to return at most.
+    """
+    thinned, planes, left = _without_planes(xyz, target, rng)
+    walks = []
+    walked = np.zeros(len(thinned.xyz), dtype=bool)
+    for candidate in find_candidates(thinned, rng=rng):
+        radius = candidate.cylinder.radius_mm
+        _, rows = score(thinned, candidate.cylinder, tolerance_of(thinned, radius))
+        if len(walks) >= MOST_WALKS or walked[rows].mean() > 0.5:
+            continue
+        way = walk(thinned, candidate.cylinder)
+        if way is not None and way.length_mm >= radius:
+            walks.append((merit(thinned, way), way))
+            walked[way.rows] |= way.length_mm >= 4 * radius  # a short piece must not hide the cable it lies on
+    chosen: list[Walk] = []
+    taken = np.zeros(len(thinned.xyz), dtype=bool)
+    for value, way in sorted(walks, key=lambda pair: -pair[0]):
+        if len(chosen) < most and value > 0 and taken[way.rows].mean() < 0.3:
+            chosen.append(way)
+            taken[way.rows] = True
+    return Find(chosen, planes, 1 - left / len(xyz), thinned)

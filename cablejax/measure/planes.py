@@ -1,0 +1,98 @@
+"""Floors, walls and tables: planes found by random samples, told apart from strips of a cable."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.spatial import ConvexHull
+
+from cablejax.measure.thinning import Surface
+
+MAX_PLANES = 8
+MIN_SHARE = 0.04  # of the points, for a plane to be worth taking out
+NORMAL_COS = np.cos(np.radians(20))
+FLAT_TILT = 0.08  # rad at the rim: a wider turn of the surface is a curved one
+MIN_FILL = 0.4  # of the outline: the crest of a bent cable fills little of its own
+MIN_WIDTH = 8.0  # least standard deviation across, in tolerances: a strip of a cable is narrower
+
+
+class Plane(NamedTuple):
+    """Centre `[3]`, unit normal `[3]`, and the standard deviations of its points across and along, in mm."""
+
+    center: Float[np.ndarray, "3"]
+    normal: Float[np.ndarray, "3"]
+    across_mm: float
+    along_mm: float
+
+
+def _members(surface: Surface, center: np.ndarray, normal: np.ndarray, tolerance: float) -> np.ndarray:
+    near = np.abs((surface.xyz - center) @ normal) < tolerance
+    return near & (np.abs(surface.normals @ normal) > NORMAL_COS)
+
+
+def _best_plane(surface: Surface, tolerance: float, rng: np.random.Generator) -> np.ndarray:
+    """Members `[m]` of the best of 200 planes, each through one point and its normal, then fitted twice."""
+    rows = rng.choice(len(surface.xyz), size=min(200, len(surface.xyz)), replace=False)
+    sample = surface.subset(rng.choice(len(surface.xyz), size=min(3000, len(surface.xyz)), replace=False))
+    offset = np.einsum("ij,ij->i", surface.xyz[rows], surface.normals[rows])
+    near = np.abs(sample.xyz @ surface.normals[rows].T - offset[None, :]) < tolerance
+    aligned = np.abs(sample.normals @ surface.normals[rows].T) > NORMAL_COS
+    best = rows[np.argmax((near & aligned).sum(axis=0))]
+    members = _members(surface, surface.xyz[best], surface.normals[best], tolerance)
+    for _ in range(3):
+        if members.sum() < 3:
+            break
+        center = surface.xyz[members].mean(axis=0)
+        normal = np.linalg.svd(surface.xyz[members] - center, full_matrices=False)[2][2]
+        members = _members(surface, center, normal, tolerance)
+    return members
+
+
+def _describe(surface: Surface, members: np.ndarray) -> tuple[Plane, float, float]:
+    """The plane of its members, the turn of their normals from the centre to the rim in rad, and `_fill`."""
+    xyz = surface.xyz[members]
+    center = xyz.mean(axis=0)
+    _, scale, axes = np.linalg.svd(xyz - center, full_matrices=False)
+    spread = scale / np.sqrt(len(xyz))
+    normals = surface.normals[members]
+    normals = normals * np.sign(normals @ axes[2])[:, None]
+    place = (xyz - center) @ axes[:2].T
+    turn, *_ = np.linalg.lstsq(place, (normals - normals.mean(axis=0)) @ axes[:2].T, rcond=None)
+    tilt = float(np.abs(turn * 1.7 * spread[:2, None]).max())  # the rim of an even strip is at 1.7 deviations
+    plane = Plane(center, axes[2], float(spread[1]), float(spread[0]))
+    return plane, tilt, _fill(surface, members, plane, axes[:2])
+
+
+def _fill(surface: Surface, members: np.ndarray, plane: Plane, axes: np.ndarray) -> float:
+    """Which share of its convex outline a plane's points cover."""
+    place = (surface.xyz[members] - plane.center) @ axes.T
+    cell = 3 * surface.spacing_mm
+    covered = len(np.unique(np.floor(place / cell).astype(int), axis=0)) * cell**2
+    return covered / max(ConvexHull(place).volume, 1e-12)  # "volume" of a flat hull is its area
+
+
+def find_planes(surface: Surface, *, rng: np.random.Generator) -> tuple[list[Plane], Bool[np.ndarray, " m"]]:
+    """Flat regions of a surface.
+
+    A strip of a cable lies near a plane as well. It is told apart by its normals, which turn from rim to rim, and by its
+    width, which does not exceed a few times the tolerance.
+
+    Returns:
+        The planes, largest first as a rule, and which points `[m]` lie on one.
+    """
+    tolerance = 3 * float(np.median(surface.roughness_mm)) + 0.05 * surface.spacing_mm
+    free = np.ones(len(surface.xyz), dtype=bool)
+    planes = []
+    for _ in range(MAX_PLANES):
+        rows = np.flatnonzero(free)
+        if len(rows) < 50:
+            break
+        members = _best_plane(surface.subset(rows), tolerance, rng)
+        if members.sum() < max(30, MIN_SHARE * len(surface.xyz)):
+            break
+        plane, tilt, fill = _describe(surface.subset(rows), members)
+        if tilt > FLAT_TILT or fill < MIN_FILL or plane.across_mm < MIN_WIDTH * tolerance:
+            break
+        planes.append(plane)
+        free[rows[members]] = False
+    return planes, ~free

@@ -1,0 +1,117 @@
+"""What a measurement returns."""
+
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from cablejax.measure.sections import Sections
+
+
+@dataclass(frozen=True)
+class BudgetLine:
+    """One source of uncertainty: its standard deviation of the diameter in mm, and how that was come by.
+
+    `kind` is "A" where it was evaluated from the scan's own statistics, "B" where it comes from other knowledge (GUM).
+    """
+
+    source: str
+    std_mm: float
+    kind: str
+    how: str
+
+
+@dataclass(frozen=True)
+class CableMeasurement:
+    """A cable's size, with what is known about each number.
+
+    Attributes:
+        diameter_mm: Overall diameter of the section, of equal perimeter where the scan shows enough of it.
+        std_mm: Its combined standard uncertainty.
+        interval_mm: The 95 % interval.
+        minimum_mm, maximum_mm: Least and greatest diameter, square to each other; None where the arc does not show them.
+        ovality: Their difference over the mean diameter; None likewise.
+        ovality_std: Its standard deviation; None likewise.
+        length_mm: Length of the axis within the scan.
+        bend_radius_mm: Radius of the axis where it bends most; None where it is straight within its uncertainty.
+        bend_interval_mm: The 95 % interval of that radius; None likewise.
+        arc_deg: Circumference seen, the median over the sections.
+        noise_mm: Standard deviation of the points about the surface.
+        points: Number of points that the diameter rests on.
+        axis_mm: Points of the axis `[m, 3]`, in the coordinates of the scan.
+        sections: Circles along the length.
+        keep: True for the scan's points that are the cable's `[n]`.
+        deviation_mm: Distance of every point of the scan from the fitted surface `[n]`, positive outside; NaN far off.
+        along_mm, angle_deg: Place of every point along the axis and about it `[n]`; NaN far off.
+        budget: Sources of uncertainty.
+        nominal: Probability of each nominal size, likeliest first; empty without a catalogue.
+        verdict: The nominal size in words; None without a catalogue.
+        warnings: Sentences about what should be known before the numbers are used.
+    """
+
+    diameter_mm: float
+    std_mm: float
+    interval_mm: tuple[float, float]
+    minimum_mm: float | None
+    maximum_mm: float | None
+    ovality: float | None
+    ovality_std: float | None
+    length_mm: float
+    bend_radius_mm: float | None
+    bend_interval_mm: tuple[float, float] | None
+    arc_deg: float
+    noise_mm: float
+    points: int
+    axis_mm: Float[np.ndarray, "m 3"]
+    sections: Sections
+    keep: Bool[np.ndarray, " n"]
+    deviation_mm: Float[np.ndarray, " n"]
+    along_mm: Float[np.ndarray, " n"]
+    angle_deg: Float[np.ndarray, " n"]
+    budget: list[BudgetLine]
+    nominal: dict[str, float] = field(default_factory=dict)
+    verdict: str | None = None
+    warnings: list[str] = field(default_factory=list)
+
+    def to_dict(self, *, arrays: bool = False) -> dict[str, Any]:
+        """Plain numbers, lists and strings for JSON; the arrays as long as the scan only on request.
+
+        Undefined numbers (NaN) become None, which JSON can hold.
+        """
+        out: dict[str, Any] = {
+            "unit": "mm",
+            **{name: getattr(self, name) for name in SCALARS},
+            "interval_mm": list(self.interval_mm),
+            "bend_interval_mm": None if self.bend_interval_mm is None else list(self.bend_interval_mm),
+            "axis_mm": self.axis_mm.tolist(),
+            "sections": {name: _listed(array) for name, array in self.sections._asdict().items()},
+            "budget": [asdict(line) for line in self.budget],
+            "nominal": dict(self.nominal),
+            "warnings": list(self.warnings),
+        }
+        if arrays:
+            out["keep"] = self.keep.tolist()
+            for name in ("deviation_mm", "along_mm", "angle_deg"):
+                out[name] = _listed(getattr(self, name))
+        return out
+
+
+SCALARS = (
+    "diameter_mm",
+    "std_mm",
+    "minimum_mm",
+    "maximum_mm",
+    "ovality",
+    "ovality_std",
+    "length_mm",
+    "bend_radius_mm",
+    "arc_deg",
+    "noise_mm",
+    "points",
+    "verdict",
+)
+
+
+def _listed(array: np.ndarray) -> list[float | None]:
+    return [float(value) if np.isfinite(value) else None for value in array]

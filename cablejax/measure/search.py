@@ -1,0 +1,108 @@
+"""Where a cable might be: cylinders through pairs of oriented points, scored on their own surroundings."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Int
+from scipy.spatial import KDTree
+
+from cablejax.measure.cylinder import Cylinder, fit_cylinder, radial
+from cablejax.measure.thinning import Surface
+
+NORMAL_COS = np.cos(np.radians(30))
+REACH = 3.0  # radii: a cable that bends by 15 diameters leaves its tangent by 0.15 radii over that length
+
+
+class Candidate(NamedTuple):
+    """A local cylinder and its score: the points on it, less those inside it, weighted by the arc they cover."""
+
+    cylinder: Cylinder
+    score: float
+
+
+def _pairs(surface: Surface, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Rows of first points and of partners near them, the distance drawn evenly on a log scale."""
+    tree = KDTree(surface.xyz)
+    reach = min(256, len(surface.xyz))
+    first = rng.integers(len(surface.xyz), size=count)
+    _, near = tree.query(surface.xyz[first], k=reach, workers=-1)
+    rank = np.exp(rng.uniform(np.log(min(8, reach - 1)), np.log(reach), size=count)).astype(int)
+    return first, near[np.arange(count), np.minimum(rank, reach - 1)]
+
+
+def _hypotheses(surface: Surface, first: Int[np.ndarray, " h"], second: Int[np.ndarray, " h"], largest: float):
+    """Cylinders through pairs of points with normals: centre, direction, radius; bad pairs dropped."""
+    p, q, n, m = surface.xyz[first], surface.xyz[second], surface.normals[first], surface.normals[second]
+    direction = np.cross(n, m)
+    sine = np.linalg.norm(direction, axis=1)
+    keep = sine > 0.15
+    p, q, n, m, direction, sine = (a[keep] for a in (p, q, n, m, direction, sine))
+    direction = direction / sine[:, None]
+    # In the plane square to the axis both normals meet at the centre: p + a n = q + b m.
+    across = q - p - np.einsum("hi,hi->h", q - p, direction)[:, None] * direction
+    cos = np.einsum("hi,hi->h", n, m)
+    dot_n, dot_m = np.einsum("hi,hi->h", across, n), np.einsum("hi,hi->h", across, m)
+    a = (dot_n - cos * dot_m) / sine**2
+    b = (cos * dot_n - dot_m) / sine**2
+    radius = (np.abs(a) + np.abs(b)) / 2
+    good = (np.abs(np.abs(a) - np.abs(b)) < 0.3 * radius) & (radius < largest) & (radius > surface.spacing_mm)
+    center = p + np.sign(a)[:, None] * radius[:, None] * n
+    return center[good], direction[good], radius[good]
+
+
+def score(surface: Surface, cylinder: Cylinder, tolerance: float) -> tuple[float, np.ndarray]:
+    """Score of a cylinder within `REACH` radii of its centre, and the rows of its points."""
+    distance, outward, along = radial(cylinder, surface.xyz)
+    here = (np.abs(along) < REACH * cylinder.radius_mm) & (distance < 1.5 * cylinder.radius_mm + tolerance)
+    facing = np.abs(np.einsum("ij,ij->i", outward, surface.normals)) > NORMAL_COS
+    residual = np.abs(distance - cylinder.radius_mm)
+    on = here & (residual < tolerance) & facing
+    inside = here & (distance < cylinder.radius_mm - 2 * tolerance)
+    rows = np.flatnonzero(on)
+    if len(rows) < 6:
+        return 0.0, rows
+    gathered = np.linalg.norm(outward[rows].mean(axis=0))  # 1 for a sliver of arc, 0.64 for a half, 0 for the whole
+    fit = float(np.sum(1 - (residual[rows] / tolerance) ** 2))
+    return (fit - float(inside.sum())) * float(np.sqrt(max(0.0, 1 - gathered))), rows
+
+
+def tolerance_of(surface: Surface, radius: float) -> float:
+    """How far a point may lie from its cylinder: three times the roughness, and a tenth of the radius at least."""
+    return max(3 * float(np.median(surface.roughness_mm)), 0.1 * radius)
+
+
+def _refine(surface: Surface, cylinder: Cylinder) -> Candidate:
+    """Fit a hypothesis to its own points, twice, and score it on all of them."""
+    for _ in range(2):
+        _, rows = score(surface, cylinder, tolerance_of(surface, cylinder.radius_mm))
+        if len(rows) < 12:
+            return Candidate(cylinder, 0.0)
+        cylinder, _ = fit_cylinder(surface.xyz[rows], cylinder)
+    return Candidate(cylinder, score(surface, cylinder, tolerance_of(surface, cylinder.radius_mm))[0])
+
+
+def find_candidates(
+    surface: Surface, *, rng: np.random.Generator, tries: int = 3000, per_octave: int = 4
+) -> list[Candidate]:
+    """The best local cylinders of a surface, best first, each fitted to its own points.
+
+    Pairs of points with normals give cylinders; all are scored on a sample. A large surface always holds more points
+    than a thin cable beside it, so the best `per_octave` of each doubling of the radius are kept and compared later.
+    """
+    if len(surface.xyz) < 20:
+        return []
+    largest = 0.5 * float(np.linalg.norm(np.ptp(surface.xyz, axis=0)))
+    first, second = _pairs(surface, tries, rng)
+    centers, directions, radii = _hypotheses(surface, first, second, largest)
+    sample = surface.subset(rng.choice(len(surface.xyz), size=min(1500, len(surface.xyz)), replace=False))
+    guesses = [Cylinder(*row) for row in zip(centers, directions, radii, strict=True)]
+    rough = np.array([score(sample, guess, tolerance_of(surface, guess.radius_mm))[0] for guess in guesses])
+    octave = np.floor(np.log2(radii)).astype(int)
+    found = []
+    for level in np.unique(octave):
+        rows = np.flatnonzero(octave == level)
+        for index in rows[np.argsort(-rough[rows], kind="stable")[:per_octave]]:
+            candidate = _refine(surface, guesses[index])
+            if candidate.score > 0 and surface.spacing_mm < candidate.cylinder.radius_mm < largest:
+                found.append(candidate)
+    return sorted(found, key=lambda candidate: -candidate.score)

@@ -1,0 +1,118 @@
+"""Cross-sections along a cable: a circle in each slab, and the oval common to all."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from cablejax.measure.fit import CableFit, tukey
+
+BIN_DEG = 5.0
+MIN_POINTS = 12
+
+
+class Sections(NamedTuple):
+    """Circles fitted to slabs, each with its own centre and radius.
+
+    Attributes:
+        s_mm: Middle of each slab along the axis `[m]`.
+        diameter_mm: Diameter of each circle `[m]`; NaN where the slab holds too few points or too small an arc.
+        std_mm: Its standard deviation from noise, arc and number of points `[m]`.
+        arc_deg: Circumference seen in each slab `[m]`, degrees, in steps of `BIN_DEG`.
+        points: Points with weight in each slab `[m]`.
+    """
+
+    s_mm: Float[np.ndarray, " m"]
+    diameter_mm: Float[np.ndarray, " m"]
+    std_mm: Float[np.ndarray, " m"]
+    arc_deg: Float[np.ndarray, " m"]
+    points: Float[np.ndarray, " m"]
+
+
+class Oval(NamedTuple):
+    """The section common to the whole length, as a circle with one oval harmonic about the fitted axis.
+
+    Attributes:
+        diameter_mm: Mean diameter; to second order in the ovality that of a circle with the same perimeter.
+        std_mm: Its standard deviation.
+        minimum_mm, maximum_mm: Least and greatest diameter, which are square to each other.
+        amplitude_std_mm: Standard deviation of the difference between them.
+        direction_deg: Where the greatest diameter points, degrees from the first vector of the axis frame.
+    """
+
+    diameter_mm: float
+    std_mm: float
+    minimum_mm: float
+    maximum_mm: float
+    amplitude_std_mm: float
+    direction_deg: float
+
+
+def _angles(fit: CableFit) -> np.ndarray:
+    return np.arctan2(fit.place.v, fit.place.u)
+
+
+def arc_of(angle: Float[np.ndarray, " n"]) -> float:
+    """Degrees of circumference that hold points, counted in bins of `BIN_DEG`."""
+    bins = np.floor(np.degrees(angle) % 360 / BIN_DEG).astype(int)
+    counts = np.bincount(bins, minlength=int(360 / BIN_DEG))
+    return float((counts > 0.02 * counts.max()).sum() * BIN_DEG)
+
+
+def cut(fit: CableFit, *, step_mm: float) -> Sections:
+    """Fit a circle, centre free, in slabs `step_mm` long: one linear step from the common fit, two times.
+
+    A slab's centre lies within the noise of the axis, so the step is exact to the square of that over the radius.
+    """
+    s, angle = fit.place.s, _angles(fit)
+    count = max(1, int(np.ceil((s.max() - s.min() + 1e-9) / step_mm)))
+    width = (s.max() - s.min() + 1e-9) / count
+    slab = np.minimum(((s - s.min()) / width).astype(int), count - 1)
+    columns = np.stack([np.cos(angle), np.sin(angle), np.ones_like(angle)], axis=1)
+    weight = tukey(fit.residual_mm, fit.noise_mm)
+    normal = np.empty((count, 3, 3))
+    right = np.empty((count, 3))
+    for i in range(3):
+        right[:, i] = np.bincount(slab, weights=weight * columns[:, i] * fit.residual_mm, minlength=count)
+        for j in range(3):
+            normal[:, i, j] = np.bincount(slab, weights=weight * columns[:, i] * columns[:, j], minlength=count)
+    points = np.bincount(slab[weight > 0], minlength=count).astype(float)
+    covered = np.zeros((count, int(360 / BIN_DEG)), dtype=bool)
+    used = weight > 0
+    covered[slab[used], np.floor(np.degrees(angle[used]) % 360 / BIN_DEG).astype(int)] = True
+    arc = covered.sum(axis=1) * BIN_DEG
+    good = (points >= MIN_POINTS) & (np.linalg.eigvalsh(normal)[:, 0] > 1e-4 * points)
+    diameter, std = np.full(count, np.nan), np.full(count, np.nan)
+    inverse = np.linalg.inv(normal[good])
+    change = np.einsum("mij,mj->mi", inverse, right[good])
+    diameter[good] = 2 * (fit.radius_mm + change[:, 2])
+    std[good] = 2 * fit.noise_mm * np.sqrt(inverse[:, 2, 2])
+    return Sections(s.min() + (np.arange(count) + 0.5) * width, diameter, std, arc, points)
+
+
+def oval(fit: CableFit) -> Oval:
+    """Fit circle, centre and the second harmonic of the radius over the angle, for all sections together.
+
+    The scan must show half the circumference or more: on less, the oval, the centre and the radius cannot be told apart,
+    and `amplitude_std_mm` says so.
+    """
+    angle = _angles(fit)
+    columns = np.stack(
+        [np.ones_like(angle), np.cos(angle), np.sin(angle), np.cos(2 * angle), np.sin(2 * angle)], axis=1
+    )
+    weight = fit.weight
+    normal = columns.T @ (weight[:, None] * columns)
+    inverse = np.linalg.pinv(normal)
+    change = inverse @ (columns.T @ (weight * fit.residual_mm))
+    cosine, sine = change[3], change[4]
+    amplitude = float(np.hypot(cosine, sine))
+    mean = 2 * (fit.radius_mm + float(change[0]))
+    spread = fit.noise_mm * np.sqrt(np.diag(inverse))
+    return Oval(
+        diameter_mm=mean,
+        std_mm=2 * float(spread[0]),
+        minimum_mm=mean - 2 * amplitude,
+        maximum_mm=mean + 2 * amplitude,
+        amplitude_std_mm=4 * float(max(spread[3], spread[4])),
+        direction_deg=float(np.degrees(np.arctan2(sine, cosine) / 2)),
+    )
