@@ -11,7 +11,7 @@ from jaxtyping import Array, Num
 from cablejax.io.atomic import atomic_write
 from cablejax.io.child import FLOAT_INTENSITY
 from cablejax.io.points import unit_scale
-from cablejax.io.raw import PointFileError, as_uint8, as_uint16
+from cablejax.io.raw import BadFile, PointFileError, as_uint8, as_uint16
 
 LARGEST_INT32 = 2**31 - 1
 
@@ -26,8 +26,9 @@ def write_points(
 ) -> None:
     """Write a cloud in one step; a killed or failed write leaves the old file.
 
-    PLY, PCD and text hold float64 coordinates and give back the same numbers; LAS and LAZ hold multiples of a step of
-    1e-6 units, or of the smallest power of ten that fits the cloud's extent into 32 bits.
+    PLY and text hold float64 coordinates and give back the same numbers. LAS and LAZ hold multiples of a step of 1e-6
+    units, or of the smallest power of ten that fits the cloud's extent into 32 bits. PCD holds float32, the only type
+    that its usual readers take, and refuses a cloud so far from the origin that this would show.
 
     Args:
         path: Its ending chooses the format: .ply, .pcd, .xyz, .txt, .csv, .las or .laz.
@@ -56,6 +57,8 @@ def write_points(
     try:
         with atomic_write(path) as file:
             writer(file, xyz, color, intensity)
+    except BadFile as error:
+        raise PointFileError(path, str(error)) from error
     except OSError as error:
         raise PointFileError(path, f"cannot be written ({error.strerror or error})") from error
 
@@ -96,14 +99,15 @@ def _write_ply(file: BinaryIO, xyz: np.ndarray, color: np.ndarray | None, intens
 
 
 def _write_pcd(file: BinaryIO, xyz: np.ndarray, color: np.ndarray | None, intensity: np.ndarray | None) -> None:
-    fields, packed = [(axis, "<f8") for axis in "xyz"], None
+    _check_float32(xyz)
+    fields, packed = [(axis, "<f4") for axis in "xyz"], None
     if color is not None:
         wide = as_uint8(color).astype(np.uint32)
         packed = (wide[:, :1] << 16) | (wide[:, 1:2] << 8) | wide[:, 2:]
         fields += [("rgb", "<u4")]
     if intensity is not None:
         fields += [("intensity", "<f4")]
-    kinds = {"<f8": ("8", "F"), "<f4": ("4", "F"), "<u4": ("4", "U")}
+    kinds = {"<f4": ("4", "F"), "<u4": ("4", "U")}
     lines = [
         "# .PCD v0.7 - Point Cloud Data file format", "VERSION 0.7",
         "FIELDS " + " ".join(name for name, _ in fields),
@@ -114,6 +118,17 @@ def _write_pcd(file: BinaryIO, xyz: np.ndarray, color: np.ndarray | None, intens
     ]  # fmt: skip
     file.write(("\n".join(lines) + "\n").encode())
     file.write(_records(fields, xyz, packed, intensity).tobytes())
+
+
+def _check_float32(xyz: np.ndarray) -> None:
+    """PCL and Open3D read float32 coordinates alone: a cloud that they would round visibly is refused."""
+    step = float(np.spacing(np.abs(xyz).max().astype(np.float32)))
+    extent = float(np.ptp(xyz, axis=0).max())
+    if step > max(extent, 1.0) * 1e-5:
+        raise BadFile(
+            f"cannot be written: PCD readers take float32, whose step here is {step:.2g} units in a cloud {extent:.2g} units "
+            "wide; shift the cloud, or write PLY or LAZ"
+        )
 
 
 def _records(

@@ -158,9 +158,11 @@ def test_round_trip(tmp_path, ending, unit):
     path = tmp_path / f"a.{ending}"
     write_points(path, XYZ, unit=unit, color=COLOR, intensity=INTENSITY)
     scan = read_points(path, unit=unit)
-    # LAS stores multiples of its step; 12,346 of any unit, centred, fit 32 bits in steps of 1e-5 of it.
-    step = {"mm": 1e-5, "m": 1e-3 if ending in ("las", "laz") else 1e-9}[unit]
-    assert np.abs(scan.xyz_mm - XYZ).max() <= (step / 2 * 1.001 if ending in ("las", "laz") else 1e-11)
+    # LAS stores multiples of its step: 12,346 mm fit 32 bits in steps of 1e-5 mm, and no step is below 1e-6 m.
+    step = {"mm": 1e-5, "m": 1e-3}[unit]
+    # PCD holds float32: half a step at 12,346 is 4.9e-4.
+    error = {"las": step / 2 * 1.001, "laz": step / 2 * 1.001, "pcd": 4.9e-4}.get(ending, 1e-11)
+    assert np.abs(scan.xyz_mm - XYZ).max() <= error
     eight_bits = scan.color if scan.color.dtype == np.uint8 else scan.color // 257
     assert np.array_equal(eight_bits, COLOR)
     assert np.array_equal(scan.intensity, INTENSITY)
@@ -195,6 +197,17 @@ def test_unwritable_endings_and_folders(tmp_path):
         write_points(tmp_path / "a.e57", XYZ)
     with pytest.raises(PointFileError, match=r"a\.ply: cannot be written \(No such file"):
         write_points(tmp_path / "absent" / "a.ply", XYZ)
+
+
+def test_pcd_is_read_by_open3d_and_refuses_what_float32_would_round(tmp_path):
+    open3d = pytest.importorskip("cablejax.io").import_open3d()
+    write_points(tmp_path / "a.pcd", XYZ, color=COLOR)
+    cloud = open3d.io.read_point_cloud(str(tmp_path / "a.pcd"))
+    assert np.array_equal(np.asarray(cloud.points), XYZ.astype(np.float32))
+    assert np.array_equal(np.round(np.asarray(cloud.colors) * 255), COLOR)
+    with pytest.raises(PointFileError, match=r"a\.pcd: cannot be written: PCD readers take float32"):
+        write_points(tmp_path / "a.pcd", XYZ + 5e9)
+    assert len(read_points(tmp_path / "a.pcd").xyz_mm) == 3
 
 
 def test_withheld_las_points_are_dropped(tmp_path):
