@@ -1,6 +1,7 @@
 """The shell around every experiment: Hydra in, one clear line out."""
 
 import os
+import re
 import sys
 from collections.abc import Callable
 from typing import Any
@@ -17,7 +18,6 @@ from experiments import ROOT, schema
 from experiments.runs import Task, execute
 
 USAGE_ERROR = 2
-FAILED = 1
 INTERRUPTED = 130
 
 
@@ -33,18 +33,21 @@ def to_config(composed: DictConfig) -> schema.Config:
 
 
 def one_line(error: BaseException) -> str:
-    """A configuration error in one line, without Hydra's search path."""
+    """A configuration error in one line, without Hydra's search path and the schema's own options."""
     text = str(error).split("Config search path")[0]
     cause = error.__cause__
     if cause is not None and str(cause).split("\n")[0] not in text:
         text += ". " + str(cause).split("\n")[0]
     lines = [line.strip() for line in text.splitlines() if line.strip()]
     kept = [line for line in lines if not line.startswith(("object_type", "reference_type", "full_key"))]
-    return " ".join(kept)
+    return re.sub(r"\bschema_\w+ ", "", " ".join(kept))
 
 
 def main(task: Task, *, experiment: str, headline: Callable[[dict[str, Any]], str]) -> None:
     """Run a task as a Hydra application; `-m` sweeps, and what is finished already is not run again.
+
+    A job that fails on its configuration or its file is named and does not take the others of its sweep along; the exit
+    code then tells.
 
     Args:
         task: Takes the configuration and the run's folder, returns metrics.
@@ -57,21 +60,32 @@ def main(task: Task, *, experiment: str, headline: Callable[[dict[str, Any]], st
     if not any(argument.startswith("experiment=") for argument in sys.argv[1:]):
         sys.argv.append(f"experiment={experiment}")
 
+    failed: list[str] = []
+    home = os.getpid()
+
     def job(composed: DictConfig) -> None:
-        config = to_config(composed)
         label = ",".join(o for o in HydraConfig.get().overrides.task if not o.startswith(("experiment=", "out=")))
-        record, there_already = execute(task, config, label=label)
+        try:
+            config = to_config(composed)
+            record, there_already = execute(task, config, label=label)
+        except (ValueError, PointFileError, StatusError) as error:
+            if (
+                os.getpid() != home
+            ):  # another process's list would be lost: there Hydra's launcher carries the error back
+                raise
+            failed.append(label)
+            print(f"error: {one_line(error)}" + (f" [{label}]" if label else ""), file=sys.stderr, flush=True)
+            return
         state = "done before" if there_already else f"{record['seconds']:.1f} s"
         print(f"{config.name} [{label}] {headline(record['metrics'])} ({state})", flush=True)
 
     try:
         hydra.main(config_path=str(ROOT / "conf"), config_name="config", version_base="1.3")(job)()
-    except (HydraException, OmegaConfBaseException, ValueError) as error:
+    except (HydraException, OmegaConfBaseException, ValueError, PointFileError, StatusError) as error:
         print(f"error: {one_line(error)}", file=sys.stderr)
         sys.exit(USAGE_ERROR)
-    except (PointFileError, StatusError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(FAILED)
     except KeyboardInterrupt:
         print("\nInterrupted. The same command goes on from here.", file=sys.stderr)
         sys.exit(INTERRUPTED)
+    if failed:
+        sys.exit(USAGE_ERROR)

@@ -110,6 +110,7 @@ def collect(experiment: str, *, size: str, runs: Path, out: Path, revision: str 
         "config": fixed,
         "runs": rows,
     }
+    out.mkdir(parents=True, exist_ok=True)
     path = out / f"{experiment}.json"
     write_json(path, result)
     return path

@@ -1,6 +1,6 @@
 """Execute the notebooks, which read results/ and draw, and keep their output.
 
-    python -m experiments.notebooks [--check]
+python -m experiments.notebooks [--check]
 """
 
 import argparse

@@ -1,6 +1,6 @@
 """Put the numbers of results/ into the README, between its markers.
 
-    python -m experiments.readme [--check]
+python -m experiments.readme [--check]
 """
 
 import argparse
@@ -21,13 +21,17 @@ def fill(text: str, results: Path) -> str:
     """
     if not MARK.search(text):
         raise ValueError("README: expected the markers <!-- results:begin --> and <!-- results:end -->")
-    blocks = [f"**{table.title}**\n\n{table.to_markdown()}\n\n{table.caption}\n" for table in tables.all_tables(results)]
+    blocks = [
+        f"**{table.title}**\n\n{table.to_markdown()}\n\n{table.caption}\n" for table in tables.all_tables(results)
+    ]
     return MARK.sub(lambda match: match[1] + "\n" + "\n".join(blocks) + "\n" + match[2], text)
 
 
 def main() -> None:
     """Rewrite README.md, or with `--check` say whether it is up to date."""
-    parser = argparse.ArgumentParser(prog="python -m experiments.readme", description="Fill the README's tables from results/.")
+    parser = argparse.ArgumentParser(
+        prog="python -m experiments.readme", description="Fill the README's tables from results/."
+    )
     parser.add_argument("--check", action="store_true", help="change nothing; exit 1 if the README is stale")
     options = parser.parse_args()
     path = ROOT / "README.md"

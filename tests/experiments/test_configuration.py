@@ -1,6 +1,5 @@
 """Every experiment composes; whatever is wrong is said in one line."""
 
-import subprocess
 import sys
 from pathlib import Path
 
@@ -8,7 +7,7 @@ import pytest
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
-from experiments import ROOT, schema
+from experiments import ROOT, app, schema
 from experiments.app import to_config
 
 CONF = ROOT / "conf"
@@ -73,13 +72,37 @@ def test_a_dictconfig_goes_no_further_than_to_config():
         ("seed=-1", ["seed", "-1"]),
     ],
 )
-def test_a_wrong_override_gives_one_clear_line(override: str, words: list[str], tmp_path: Path):
-    command = [sys.executable, "-m", "experiments.table1_filtering", override, f"out={tmp_path}"]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == 2
-    lines = done.stderr.strip().splitlines()
-    assert len(lines) == 1, done.stderr
+def test_a_wrong_override_gives_one_clear_line(
+    override: str, words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+):
+    def never(cfg: schema.Config, folder: Path) -> dict[str, float]:
+        raise AssertionError("the task must not run")
+
+    monkeypatch.setattr(sys, "argv", ["table1_filtering", override, f"out={tmp_path}"])
+    monkeypatch.setenv("HYDRA_FULL_ERROR", "0")
+    with pytest.raises(SystemExit) as stopped:
+        app.main(never, experiment="table1_filtering", headline=str)
+    assert stopped.value.code == 2
+    lines = capfd.readouterr().err.strip().splitlines()
+    assert len(lines) == 1
     assert lines[0].startswith("error: ")
     for word in words:
         assert word in lines[0]
     assert not list(tmp_path.rglob("run.json"))
+
+
+def test_a_sweep_goes_on_past_a_job_that_fails(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+):
+    monkeypatch.setattr(
+        sys,
+        "argv",
+        ["table1_filtering", "-m", "noise=none", "filter=median", "filter.k=5,0,7", "seed=0", f"out={tmp_path}"],
+    )
+    monkeypatch.setenv("HYDRA_FULL_ERROR", "0")
+    with pytest.raises(SystemExit) as stopped:
+        app.main(lambda cfg, folder: {"k": cfg.filter.k}, experiment="table1_filtering", headline=str)
+    assert stopped.value.code == 2
+    captured = capfd.readouterr()
+    assert "filter.k=0" in captured.err
+    assert len(list(tmp_path.rglob("run.json"))) == 2
