@@ -78,7 +78,6 @@ def _register(sub: argparse._SubParsersAction) -> None:
     parser.add_argument("--output", metavar="FILE", help="write the moved source")
     parser.add_argument("--method", choices=("point", "plane", "gicp"), default="plane", help="default: plane")
     parser.add_argument("--max-distance", type=float, metavar="MM", help="between partners (default: from the spacing)")
-    parser.add_argument("--voxel", type=float, metavar="MM", help="thin both clouds to one point per voxel first")
 
 
 def _simulate(sub: argparse._SubParsersAction) -> None:
@@ -95,7 +94,7 @@ def _simulate(sub: argparse._SubParsersAction) -> None:
     parser.add_argument("--seed", type=int, default=0, help="default: 0")
 
 
-COMMANDS = {"info": _info, "measure": _measure, "denoise": _denoise, "simulate": _simulate}
+COMMANDS = {"info": _info, "measure": _measure, "denoise": _denoise, "register": _register, "simulate": _simulate}
 
 
 def build_parser() -> argparse.ArgumentParser:

@@ -1,1 +1,7 @@
-"""cablejax.registration"""
+"""Registration: the rigid motion between two scans, and which parts of it the scans leave open."""
+
+from cablejax.registration.icp import icp
+from cablejax.registration.normals import surface_normals
+from cablejax.registration.result import RegistrationResult
+
+__all__ = ["RegistrationResult", "icp", "surface_normals"]

@@ -1,0 +1,152 @@
+"""Iterative closest points: partners from a k-d tree on the host, the step under jit."""
+
+from typing import get_args
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float, Num
+from scipy.spatial import KDTree
+
+from cablejax.registration.normals import surface_normals
+from cablejax.registration.result import RegistrationResult
+from cablejax.registration.step import Kernel, Method, Pairs, Step, icp_step
+from cablejax.types import PointCloud, Status
+
+LEAST_SHARE = 0.01  # normals that are off by 0.1 rad show a sliding cylinder a share of 0.01
+
+
+def _host(cloud: PointCloud | Num[np.ndarray, "n 3"], name: str) -> Float[np.ndarray, "n 3"]:
+    """The valid points in float64.
+
+    Raises:
+        ValueError: If the array is not `[n, 3]`.
+    """
+    if isinstance(cloud, PointCloud):
+        return np.asarray(cloud.xyz, dtype=np.float64)[np.asarray(cloud.mask)]
+    xyz = np.asarray(cloud, dtype=np.float64)
+    if xyz.ndim != 2 or xyz.shape[1] != 3:
+        raise ValueError(f"{name}: expected shape [n, 3], got {list(xyz.shape)}")
+    return xyz[np.isfinite(xyz).all(axis=1)]
+
+
+def _shifted(T: np.ndarray, center: np.ndarray, sign: int) -> np.ndarray:
+    """A motion written about another origin: `sign` 1 from the world's to `center`, -1 back."""
+    out = T.copy()
+    out[:3, 3] += sign * (T[:3, :3] @ center - center)
+    return out
+
+
+def _empty(T: np.ndarray, count: int, iterations: int) -> RegistrationResult:
+    nothing = np.zeros((6, 6))
+    status = int(Status.EMPTY | Status.NOT_CONVERGED)
+    return RegistrationResult(
+        T, False, iterations, count, float("nan"), status, nothing, np.zeros(6), nothing, np.zeros(6, bool), np.zeros(3)
+    )
+
+
+def icp(
+    source: PointCloud | Num[np.ndarray, "n 3"],
+    target: PointCloud | Num[np.ndarray, "m 3"],
+    *,
+    T_init: Float[np.ndarray, "4 4"] | None = None,
+    method: Method = "plane",
+    max_iterations: int = 60,
+    max_distance: float | int | None = None,
+    kernel: Kernel = "none",
+    tolerance: float | int = 1e-5,
+    k_normals: int = 20,
+    least_share: float | int = LEAST_SHARE,
+) -> RegistrationResult:
+    """Find the rigid motion, equation (9), that takes a source scan onto a target scan, from a start that is near.
+
+    Directions along which the surface slides on itself are found in the normals, reported and not moved along: a
+    straight cable leaves its turn about and its shift along its axis as they were.
+
+    Args:
+        source: Points `[n, 3]`, or a padded cloud.
+        target: Points `[m, 3]`, in the same unit.
+        T_init: Where to begin; the identity if None.
+        method: "point" (distance to the partner), "plane" (distance to its tangent plane), or "gicp" (Segal et al.
+            2009: both clouds as small flat patches).
+        max_iterations: Most steps.
+        max_distance: Partners are no further apart; ten times the target's median spacing if None.
+        kernel: Robust kernel on the residuals: "none", "huber", "cauchy" or "tukey".
+        tolerance: Convergence: the step's displacement, in median spacings of the target.
+        k_normals: Neighbours from which normals come.
+        least_share: See `icp_step`: what counts as unseen.
+
+    Returns:
+        The motion and what is known about it. With fewer than six pairs the status holds `EMPTY`.
+
+    Raises:
+        ValueError: If a cloud is not `[n, 3]`, or an option is none of those listed.
+
+    Example:
+        >>> rng = np.random.default_rng(0)
+        >>> box = rng.uniform(size=(3000, 3)); box[np.arange(3000), np.arange(3000) % 3] = 0
+        >>> result = icp(box + [0.01, 0.0, -0.01], box, max_distance=0.1)
+        >>> np.abs(result.T_target_source[:3, 3] - [-0.01, 0.0, 0.01]).max() < 1e-4
+        np.True_
+    """
+    for value, name, allowed in ((method, "method", get_args(Method)), (kernel, "kernel", get_args(Kernel))):
+        if value not in allowed:
+            raise ValueError(f"{name}: expected one of {', '.join(allowed)}, got {value!r}")
+    moving, fixed = _host(source, "source"), _host(target, "target")
+    start = np.eye(4) if T_init is None else np.asarray(T_init, dtype=np.float64)
+    if min(len(moving), len(fixed)) < 6:
+        return _empty(start, 0, 0)
+    origin = fixed.mean(axis=0)  # float32 under jit: keep the numbers small
+    moving, fixed = moving - origin, fixed - origin
+    tree = KDTree(fixed)
+    spacing = float(np.median(tree.query(fixed[:: max(1, len(fixed) // 5000)], k=2)[0][:, 1]))
+    reach = 10 * spacing if max_distance is None else float(max_distance)
+    fixed_normals = surface_normals(fixed, k=k_normals, tree=tree)
+    moving_normals = surface_normals(moving, k=k_normals) if method == "gicp" else np.zeros_like(moving)
+    T = _shifted(start, origin, 1)
+    device = [jnp.asarray(array, jnp.float32) for array in (moving, moving_normals)]
+    step: Step | None = None
+    inliers = done = 0
+    small = False
+    for done in range(1, max_iterations + 1):
+        distance, near = tree.query(moving @ T[:3, :3].T + T[:3, 3], distance_upper_bound=reach, workers=-1)
+        paired = np.isfinite(distance)
+        inliers = int(paired.sum())
+        if inliers < 6:
+            return _empty(_shifted(T, origin, -1), inliers, done)
+        near = np.where(paired, near, 0)
+        pairs = Pairs(
+            device[0],
+            device[1],
+            jnp.asarray(fixed[near], jnp.float32),
+            jnp.asarray(fixed_normals[near], jnp.float32),
+            jnp.asarray(paired, jnp.float32),
+        )
+        step = icp_step(pairs, jnp.asarray(T, jnp.float32), jnp.float32(least_share), method=method, kernel=kernel)
+        T = _orthonormal(np.asarray(step.T_target_source, dtype=np.float64))
+        small = float(step.moved) < tolerance * spacing + 1e-7 * float(np.abs(fixed).max())
+        if small:
+            break
+    assert step is not None
+    seen = np.asarray(step.seen)
+    status = (Status.OK if small else Status.NOT_CONVERGED) | (Status.OK if seen.all() else Status.DEGENERATE)
+    return RegistrationResult(
+        T_target_source=_shifted(T, origin, -1),
+        converged=small,
+        iterations=done,
+        inliers=inliers,
+        rmse=float(step.rmse),
+        status=int(status),
+        covariance=np.asarray(step.covariance, dtype=np.float64),
+        observability=np.asarray(step.observability, dtype=np.float64),
+        directions=np.asarray(step.directions, dtype=np.float64),
+        seen=seen,
+        center=np.asarray(step.center, dtype=np.float64) + origin,
+    )
+
+
+def _orthonormal(T: np.ndarray) -> np.ndarray:
+    """The nearest rotation in float64: float32 products drift by a rounding a step."""
+    u, _, vt = np.linalg.svd(T[:3, :3])
+    out = T.copy()
+    out[:3, :3] = u @ vt
+    return out
