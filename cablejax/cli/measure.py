@@ -1,6 +1,7 @@
 """`cablejax measure`: the cable in a scan, with its diameter and what is known about it."""
 
 import argparse
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -55,7 +56,8 @@ def _write_report(options: argparse.Namespace, scan: "PointFile", result: "Cable
 
     page = getattr(report, "measurement_page", None)
     if page is None:
-        raise NoResultError("--report: this version of cablejax cannot write the report of a measurement")
+        sys.stderr.write("cablejax: warning: --report: this version cannot write the report of a measurement\n")
+        return
     html = page(result, title=Path(options.scan).name, source=str(options.scan), xyz_mm=scan.xyz_mm)
     Path(options.report).write_text(html, encoding="utf-8")
     say(options, f"report: {options.report}")

@@ -2,6 +2,7 @@
 
 import argparse
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -33,9 +34,27 @@ def load(options: argparse.Namespace, path: str) -> "PointFile":
         raise NoResultError(str(error)) from None
     if options.unit is None:
         sys.stderr.write("cablejax: warning: no --unit given, the file is taken to be in mm\n")
+    scan = _without_misses(options, scan)
     if scan.dropped:
         say(options, f"{scan.dropped:,} invalid returns left out, {len(scan.xyz_mm):,} points kept")
     return scan
+
+
+def _without_misses(options: argparse.Namespace, scan: "PointFile") -> "PointFile":
+    """Leave out points exactly at the origin where there are several: so some scanners write a beam without return.
+
+    Raises:
+        NoResultError: If nothing else is left.
+    """
+    hit = (scan.xyz_mm != 0).any(axis=1)
+    misses = int((~hit).sum())
+    if misses < 2:
+        return scan
+    if not hit.any():
+        raise NoResultError(f"{scan.path}: all {misses} points are at the origin")
+    say(options, f"{misses:,} points at the origin (0, 0, 0) are taken for beams without return")
+    kept = {name: None if (field := getattr(scan, name)) is None else field[hit] for name in ("color", "intensity")}
+    return replace(scan, xyz_mm=scan.xyz_mm[hit], dropped=scan.dropped + misses, **kept)
 
 
 def check_output(path: str, endings: tuple[str, ...]) -> None:

@@ -7,6 +7,7 @@ from cablejax.ops.filters import FilterResult, adaptive_filter
 from cablejax.ops.moments import LocalMoments, local_moments, masked_covariance, masked_mean, masked_variance
 from cablejax.ops.neighbors import KnnResult, RadiusResult, knn, knn_features, radius_count, radius_search
 from cablejax.ops.outliers import OutlierResult, median_outliers, radius_outliers, statistical_outliers
+from cablejax.ops.rigid import invert, kabsch, se3_exp, se3_log, transform
 
 __all__ = [
     "FilterResult",
@@ -15,6 +16,8 @@ __all__ = [
     "OutlierResult",
     "RadiusResult",
     "adaptive_filter",
+    "invert",
+    "kabsch",
     "knn",
     "knn_features",
     "local_moments",
@@ -25,5 +28,8 @@ __all__ = [
     "radius_count",
     "radius_outliers",
     "radius_search",
+    "se3_exp",
+    "se3_log",
     "statistical_outliers",
+    "transform",
 ]
