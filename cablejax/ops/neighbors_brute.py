@@ -36,7 +36,7 @@ def knn_brute(
     *,
     k: int,
 ) -> tuple[Int[Array, "q k"], Float[Array, "q k"]]:
-    """The k nearest valid points of each query but `skip`, nearest first, ties by row; -1 and inf where none is left."""
+    """The k nearest valid points of each query but `skip`, nearest first, ties by row; -1 and inf where none."""
     n = xyz.shape[0]
     taken = min(k, n)
 
