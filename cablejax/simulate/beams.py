@@ -1,11 +1,12 @@
 """Beams: where a scanner aims, what a beam meets, and what comes back. Every function takes one beam; callers vmap."""
 
+import math
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax.scipy.stats import norm
-from jaxtyping import Array, Bool, Float, PRNGKeyArray
+from jax.scipy.special import ndtr
+from jaxtyping import Array, Bool, Float
 
 from cablejax.simulate.shapes import SurfacePoint, Tube
 
@@ -35,6 +36,8 @@ class Echo(NamedTuple):
         xyz_mm: That point `[3]`; on the surface to rounding for a hit.
         cosine: Cosine of the incidence angle `[]`.
         margin_mm: How far inside the silhouette the beam passes `[]`, negative outside.
+        arc_mm: Arc length of the surface point, or of the closest one `[]`.
+        angle: Its angle around the cable `[]`.
     """
 
     hit: Bool[Array, ""]
@@ -42,6 +45,8 @@ class Echo(NamedTuple):
     xyz_mm: Float[Array, " 3"]
     cosine: Float[Array, ""]
     margin_mm: Float[Array, ""]
+    arc_mm: Float[Array, ""]
+    angle: Float[Array, ""]
 
 
 def aim(
@@ -93,19 +98,24 @@ def cast(tube: Tube, beam: Beam) -> Echo:
     met = nearest < HIT_MM
     t = jnp.where(met, t, nearest_t)
     xyz = beam.origin_mm + t * beam.direction
-    # Newton's method along the beam; one step is too little for grazing beams
-    for _ in range(2):
-        surface, cosine = _face(tube, beam, xyz)
+
+    def pull(_, state):
+        xyz, t, _ = state
+        surface = tube.locate(xyz)
+        cosine = -jnp.dot(surface.normal, beam.direction)
         ahead = met & (cosine > LEAST_COSINE)
         shift = jnp.where(ahead, surface.signed_distance_mm / jnp.where(ahead, cosine, 1.0), 0.0)
-        xyz, t = xyz + shift * beam.direction, t + shift
-    surface, cosine = _face(tube, beam, xyz)
+        return xyz + shift * beam.direction, t + shift, (surface, cosine)
+
+    # Newton's method along the beam: one step is too little for grazing beams, the last one only looks
+    blank = SurfacePoint(zero, jnp.zeros(3), zero, zero, zero)
+    xyz, t, (surface, cosine) = jax.lax.fori_loop(0, 3, pull, (xyz, t, (blank, zero)))
     facing = met & (cosine > LEAST_COSINE) & (jnp.abs(surface.signed_distance_mm) < HIT_MM)
-    hit = facing & (surface.arc_mm >= 0) & (surface.arc_mm <= tube.length_mm)
+    hit = facing & _scanned(tube, surface.arc_mm)
     # the beam passes the axis at r sin(incidence): r - r sin = r cos^2 / (1 + sin)
     sine = jnp.sqrt(jnp.maximum(1 - cosine**2, 0.0))
     margin = jnp.where(met, tube.radius_mm * cosine**2 / (1 + sine), -nearest)
-    return Echo(hit, t, xyz, cosine, margin)
+    return Echo(hit, t, xyz, cosine, margin, surface.arc_mm, surface.angle)
 
 
 class Return(NamedTuple):
@@ -115,53 +125,32 @@ class Return(NamedTuple):
         xyz_mm: `[3]`.
         valid: False for a beam that gave no point `[]`.
         is_mixed: True where the range is averaged over the cable and what lies behind it `[]`.
+        angle: Angle around the cable of the surface point met `[]`.
     """
 
     xyz_mm: Float[Array, " 3"]
     valid: Bool[Array, ""]
     is_mixed: Bool[Array, ""]
+    angle: Float[Array, ""]
 
 
-def _face(tube: Tube, beam: Beam, xyz: Float[Array, " 3"]) -> tuple[SurfacePoint, Float[Array, ""]]:
-    """The surface next to a point, and the cosine of the beam's incidence there."""
-    surface = tube.locate(xyz)
-    return surface, -jnp.dot(surface.normal, beam.direction)
-
-
-class Luck(NamedTuple):
-    """The random draws of one beam, all drawn at once outside, which is much faster than a key a beam.
-
-    Attributes:
-        normal: Standard normal: two tilts and the range `[3]`.
-        chance: Uniform on [0, 1): mixed or not, how deep, returned or not `[3]`.
-    """
-
-    normal: Float[Array, " 3"]
-    chance: Float[Array, " 3"]
-
-
-def draw_luck(key: PRNGKeyArray, beams: int) -> Luck:
-    """`Luck` of many beams, `[beams, 3]`. The key is consumed."""
-    first, second = jax.random.split(key)
-    return Luck(jax.random.normal(first, (beams, 3)), jax.random.uniform(second, (beams, 3)))
-
-
-def measure(tube: Tube, beam: Beam, numbers: dict[str, Array], luck: Luck) -> Return:
+def measure(tube: Tube, beam: Beam, numbers: dict[str, Array], luck: Float[Array, " 6"]) -> Return:
     """What the scanner reports for one beam: jitter, mixed pixels, drop-outs, range noise, counting steps.
 
     Args:
         tube: The cable.
         beam: The nominal beam.
         numbers: The fields of `Scanner` as arrays `[]`.
-        luck: Its random draws.
+        luck: Uniform draws on [0, 1): two tilts, the range, mixed or not, how deep, returned or not. Drawn outside, for
+            all beams at once, since a key a beam costs far more to compile.
     """
-    draw, chance = luck
+    draw, chance = gaussian(luck[:3]), luck[3:]
     tilted = _tilt(beam, 1e-3 * numbers["jitter_mrad"] * draw[:2])
     echo = cast(tube, tilted)
-    on_cable = norm.cdf(echo.margin_mm / jnp.maximum(numbers["footprint_mm"], 1e-6))
+    on_cable = ndtr(echo.margin_mm / jnp.maximum(numbers["footprint_mm"], 1e-6))
     split = (on_cable > 0.02) & (on_cable < 0.98)
     inside = (echo.hit | (echo.margin_mm < 0)) & split
-    is_mixed = inside & (chance[0] < numbers["mixed_share"]) & _within(tube, echo.xyz_mm)
+    is_mixed = inside & (chance[0] < numbers["mixed_share"]) & _scanned(tube, echo.arc_mm)
     behind = jnp.where(is_mixed, (1 - on_cable) * numbers["mixed_depth_mm"] * chance[1], 0.0)
     kept = chance[2] < jax.nn.sigmoid((echo.cosine - numbers["dropout_cos"]) / numbers["dropout_width"])
     valid = (echo.hit & kept) | is_mixed
@@ -173,7 +162,7 @@ def measure(tube: Tube, beam: Beam, numbers: dict[str, Array], luck: Luck) -> Re
     error = jnp.where(quantum > 0, counted, error)
     # the scanner believes its nominal direction, not the jittered one
     sideways = echo.range_mm * (beam.direction - tilted.direction)
-    return Return(echo.xyz_mm + sideways + error * beam.direction, valid, is_mixed)
+    return Return(echo.xyz_mm + sideways + error * beam.direction, valid, is_mixed, echo.angle)
 
 
 def _tilt(beam: Beam, angles: Float[Array, " 2"]) -> Beam:
@@ -185,7 +174,11 @@ def _tilt(beam: Beam, angles: Float[Array, " 2"]) -> Beam:
     return beam._replace(direction=turned / jnp.linalg.norm(turned))
 
 
-def _within(tube: Tube, xyz: Float[Array, " 3"]) -> Bool[Array, ""]:
-    """Whether the nearest point of the cable lies in the scanned length."""
-    arc = tube.locate(xyz).arc_mm
-    return (arc >= 0) & (arc <= tube.length_mm)
+def _scanned(tube: Tube, arc_mm: Float[Array, ""]) -> Bool[Array, ""]:
+    """Whether an arc length lies in the scanned length."""
+    return (arc_mm >= 0) & (arc_mm <= tube.length_mm)
+
+
+def gaussian(uniform: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
+    """Standard normal draws out of uniform ones on [0, 1), by the inverse of the distribution function."""
+    return math.sqrt(2.0) * jax.lax.erf_inv(2 * jnp.maximum(uniform, 2.0**-24) - 1)  # 0 would give -inf

@@ -59,39 +59,25 @@ class ArcChain(NamedTuple):
         return point, jnp.stack([jnp.cos(turned), jnp.sin(turned)])
 
     def foot(self, xyz: Float[Array, " 3"]) -> Foot:
-        """Nearest point of the chain; exact, since every piece has it in closed form."""
-        count = self.heading.shape[0]
-        best = None
-        for piece in range(count):  # a handful, unrolled: selects are faster than a gather
-            low = -jnp.inf if piece == 0 else 0.0
-            high = jnp.inf if piece == count - 1 else self.length_mm[piece]
-            candidate = self._piece_foot(piece, xyz, low, high)
-            best = candidate if best is None else _nearer(candidate, best)
-        assert best is not None
-        _, arc, normal, turned = best
-        return Foot(arc, normal, xyz[2], jnp.stack([jnp.cos(turned), jnp.sin(turned)]))
-
-    def _piece_foot(self, piece, xyz, low, high):
-        """Squared distance, arc length, normal offset and heading of the foot on one piece."""
-        k = self.curvature[piece]
-        cos, sin = jnp.cos(self.heading[piece]), jnp.sin(self.heading[piece])
-        dx, dy = xyz[0] - self.start_mm[piece, 0], xyz[1] - self.start_mm[piece, 1]
+        """Nearest point of the chain, the earlier on a tie; exact, since every piece has it in closed form."""
+        k = self.curvature
+        cos, sin = jnp.cos(self.heading), jnp.sin(self.heading)
+        dx, dy = xyz[0] - self.start_mm[:, 0], xyz[1] - self.start_mm[:, 1]
         t, n = dx * cos + dy * sin, dy * cos - dx * sin
         bent = k != 0
         free = jnp.where(bent, jnp.arctan2(k * t, 1 - k * n) / jnp.where(bent, k, 1.0), t)
-        arc = jnp.clip(free, low, high)
+        first, last = jnp.arange(k.shape[0]) == 0, jnp.arange(k.shape[0]) == k.shape[0] - 1
+        arc = jnp.clip(free, jnp.where(first, -jnp.inf, 0.0), jnp.where(last, jnp.inf, self.length_mm))
         along, across = _arc_point(arc, k)
         sq_dist = (t - along) ** 2 + (n - across) ** 2
         # R - |p - centre| without the cancellation of two large lengths; it is n itself at k = 0.
         inside = (2 * n - k * (t * t + n * n)) / (1 + jnp.sqrt((1 - k * n) ** 2 + (k * t) ** 2))
         side = (n - across) * jnp.cos(k * arc) - (t - along) * jnp.sin(k * arc)
         normal = jnp.where(arc == free, inside, side)
-        return sq_dist, self.arc_mm[piece] + arc, normal, self.heading[piece] + k * arc
-
-
-def _nearer(candidate, best):
-    """The feet with the smaller squared distance, the earlier one on a tie."""
-    return tuple(jnp.where(candidate[0] < best[0], new, old) for new, old in zip(candidate, best, strict=True))
+        turned = self.heading + k * arc
+        best = jnp.argmin(sq_dist)
+        tangent = jnp.stack([jnp.cos(turned[best]), jnp.sin(turned[best])])
+        return Foot(self.arc_mm[best] + arc[best], normal[best], xyz[2], tangent)
 
 
 def arc_chain(pieces: list[tuple[Array | float, Array | float]]) -> ArcChain:

@@ -1,6 +1,10 @@
 """What a scanner does to a range: the numbers of a scanner, and presets that stand for kinds of instruments."""
 
+import dataclasses
 from dataclasses import dataclass
+
+import jax.numpy as jnp
+from jaxtyping import Array
 
 
 @dataclass(frozen=True)
@@ -89,3 +93,9 @@ def scanner(preset: str) -> Scanner:
     if preset not in PRESETS:
         raise ValueError(f"preset: expected one of {', '.join(PRESETS)}, got {preset!r}")
     return PRESETS[preset]
+
+
+def numbers_of(device: Scanner) -> dict[str, Array]:
+    """The scanner's numbers as arrays, so that presets share one compiled program."""
+    fields = dataclasses.asdict(device)
+    return {name: jnp.float32(value) for name, value in fields.items() if not isinstance(value, str)}

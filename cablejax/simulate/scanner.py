@@ -1,6 +1,5 @@
 """The scanner: a cable in, exactly the number of points asked for out, with the truth of every one."""
 
-import dataclasses
 import math
 from functools import partial
 from typing import NamedTuple
@@ -10,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from cablejax.simulate.catalogue import Cable
-from cablejax.simulate.presets import Scanner, scanner
+from cablejax.simulate.presets import numbers_of, scanner
 from cablejax.simulate.shapes import Tube, make_tube
 from cablejax.simulate.sweeps import choose_rows, hang_in_air, sweep_beams
 
@@ -60,12 +59,6 @@ def _scan(tube, angles, arc, middle, numbers, outliers, key, *, lines, columns, 
     back = sweep_beams(tube, angles, arc, middle, numbers, keys[0], lines=lines, columns=columns)
     rows = choose_rows(back, hang_in_air(tube, keys[1], count=n_points), outliers, keys[2])
     return rows, jax.vmap(tube.signed_distance)(rows.xyz_mm)
-
-
-def numbers_of(device: Scanner) -> dict[str, Array]:
-    """The scanner's numbers as arrays, so that presets share one compiled program."""
-    fields = dataclasses.asdict(device)
-    return {name: jnp.float32(value) for name, value in fields.items() if not isinstance(value, str)}
 
 
 def station_angles(stations: int, arc: float, middle: float) -> list[float]:
@@ -129,7 +122,7 @@ def simulate_scan(
             tube, angles, jnp.float32(arc), jnp.float32(math.pi / 2), numbers_of(device), jnp.int32(outliers), key,
             lines=lines, columns=columns, n_points=n_points,
         )  # fmt: skip
-        if int(rows.lacking) <= 0:
+        if not bool(rows.is_padding.any()):
             break
     else:
         raise ValueError(f"arc_deg: {arc_deg!r} leaves too little of the cable to be seen")

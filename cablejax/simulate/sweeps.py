@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from cablejax.simulate.beams import aim, draw_luck, measure
+from cablejax.simulate.beams import aim, gaussian, measure
 from cablejax.simulate.shapes import Tube
 
 RESWEPT_WINDOW = 0.25  # share of the length that the repeated sweep covers
@@ -29,7 +29,7 @@ class Raster(NamedTuple):
 
 
 def raster(
-    length_mm: Array, variation: Array, resweep: Array, key: PRNGKeyArray, *, stations: int, lines: int, columns: int
+    length_mm: Array, variation: Array, resweep: Array, luck: Float[Array, "stations draws"], *, columns: int
 ) -> Raster:
     """Scan lines over the length, unevenly spaced, with one window scanned a second time.
 
@@ -37,26 +37,24 @@ def raster(
         length_mm: Scanned length `[]`.
         variation: Relative amplitude of the uneven speed along the cable `[]`.
         resweep: Share of the lines that repeat one window of the length `[]`.
-        key: Consumed.
-        stations: Static.
-        lines: Scan lines a station. Static.
+        luck: Uniform draws on [0, 1): for every station 4 numbers and the offset of each line `[stations, 4 + lines]`.
         columns: Beams a line. Static.
     """
-    keys = jax.random.split(key, 3)
+    stations, lines = luck.shape[0], luck.shape[1] - 4
     line = jnp.arange(lines) + 0.0
     first = jnp.ceil((1 - resweep) * lines)
     shape = (stations, lines)
     again = jnp.broadcast_to((line >= first)[None, :], shape)
-    start = jax.random.uniform(keys[0], (stations, 1), maxval=1 - RESWEPT_WINDOW)
+    start = (1 - RESWEPT_WINDOW) * luck[:, :1]
     place = jnp.broadcast_to(((line + 0.5) / first)[None, :], shape)
     second = start + RESWEPT_WINDOW * ((line - first + 0.5) / jnp.maximum(lines - first, 1.0))[None, :]
-    phase = jax.random.uniform(keys[1], (stations, 1, 3), maxval=2 * jnp.pi)
+    phase = 2 * jnp.pi * luck[:, None, 1:4]
     wave = 2 * jnp.pi * jnp.arange(1, 4)
     wavy = jnp.sin(place[:, :, None] * wave[None, None, :] + phase) - jnp.sin(phase)
     place = place + variation / 3 * jnp.sum(wavy / wave[None, None, :], axis=2)
     arc = length_mm * jnp.where(again, second, place)
     full = (stations, lines, columns)
-    phase = jax.random.uniform(keys[2], (stations, lines, 1))  # no column stays at the rim of a straight cable
+    phase = luck[:, 4:, None]  # no column stays at the rim of a straight cable
     across = 2 * ((jnp.arange(columns) + 0.0)[None, None, :] + phase) / columns - 1
     return Raster(
         jnp.broadcast_to(arc[:, :, None], full).reshape(-1),
@@ -91,49 +89,56 @@ def sweep_beams(
         lines: Scan lines a station. Static.
         columns: Beams a line. Static.
     """
-    stations = angles.shape[0]
-    key_raster, key_beams, key_shift = jax.random.split(key, 3)
+    stations, beams = angles.shape[0], angles.shape[0] * lines * columns
+    # one draw for everything: each call of the generator costs about a second to compile
+    sizes = (stations * (4 + lines), 6 * beams, 6 * stations)
+    draws = jnp.split(jax.random.uniform(key, (sum(sizes),)), (sizes[0], sizes[0] + sizes[1]))
     plan = raster(
-        tube.length_mm, numbers["density_variation"], numbers["resweep_share"], key_raster,
-        stations=stations, lines=lines, columns=columns,
+        tube.length_mm, numbers["density_variation"], numbers["resweep_share"],
+        draws[0].reshape(stations, 4 + lines), columns=columns,
     )  # fmt: skip
     head = jnp.where(numbers["moving_head"] > 0, plan.arc_mm, 0.5 * tube.length_mm)
     spread = 3 * numbers["footprint_mm"]
-    beams = jax.vmap(aim, in_axes=(None, 0, 0, 0, 0, None, None))(
+    rays = jax.vmap(aim, in_axes=(None, 0, 0, 0, 0, None, None))(
         tube, head, plan.arc_mm, plan.across, angles[plan.station], numbers["standoff_mm"], spread
     )
-    luck = draw_luck(key_beams, plan.station.shape[0])
-    back = jax.vmap(measure, in_axes=(None, 0, None, 0))(tube, beams, numbers, luck)
-    off = jax.vmap(tube.locate)(back.xyz_mm).angle - middle
+    back = jax.vmap(measure, in_axes=(None, 0, None, 0))(tube, rays, numbers, draws[1].reshape(beams, 6))
+    off = back.angle - middle
     seen = jnp.abs(jnp.arctan2(jnp.sin(off), jnp.cos(off))) <= 0.5 * arc
-    shift = numbers["registration_mm"] * jax.random.normal(key_shift, (stations, 2, 3))
+    shift = numbers["registration_mm"] * gaussian(draws[2]).reshape(stations, 2, 3)
     return Returns(back.xyz_mm + shift[plan.station, plan.sweep], back.valid & seen, back.is_mixed, plan.station)
 
 
 def hang_in_air(tube: Tube, key: PRNGKeyArray, *, count: int) -> Float[Array, "count 3"]:
     """Dust and stray echoes: anywhere along and around the cable, 2 mm off the surface plus an exponential of 15 mm."""
-    keys = jax.random.split(key, 3)
-    arc = jax.random.uniform(keys[0], (count,)) * tube.length_mm
-    angle = jax.random.uniform(keys[1], (count,), minval=-jnp.pi, maxval=jnp.pi)
-    height = 2.0 + 15.0 * jax.random.exponential(keys[2], (count,))
-    # kept to half the bend radius, where the nearest surface point is still the one below
-    return jax.vmap(lambda s, a, h: tube._replace(radius_mm=tube.radius_mm + h).point(s, a))(arc, angle, height)
+    along, around, off = jax.random.uniform(key, (3, count))
+    height = 2.0 - 15.0 * jnp.log1p(-off)
+    place = jax.vmap(lambda s, a, h: tube._replace(radius_mm=tube.radius_mm + h).point(s, a))
+    return place(tube.length_mm * along, 2 * jnp.pi * around, height)
 
 
 class Rows(NamedTuple):
-    """Exactly n rows out of the returns and the outliers: the columns of `Scan`, and how many returns were lacking."""
+    """Exactly n rows out of the returns and the outliers.
+
+    Attributes:
+        xyz_mm: `[n, 3]`.
+        is_outlier: `[n]`.
+        is_mixed: `[n]`.
+        station: `[n]`.
+        is_padding: True for rows that too few returns left empty `[n]`.
+    """
 
     xyz_mm: Float[Array, "n 3"]
     is_outlier: Bool[Array, " n"]
     is_mixed: Bool[Array, " n"]
     station: Int[Array, " n"]
-    lacking: Int[Array, ""]
+    is_padding: Bool[Array, " n"]
 
 
 def choose_rows(back: Returns, air: Float[Array, "n 3"], outliers: Int[Array, ""], key: PRNGKeyArray) -> Rows:
     """Draw n - outliers returns at random, keep them in scan order, and scatter the outliers among them.
 
-    Where fewer returns are valid than needed, the last rows repeat the last beam and `lacking` is above 0.
+    Where fewer returns are valid than needed, the last rows are padding.
 
     Args:
         back: The returns `[m]`.
@@ -142,17 +147,18 @@ def choose_rows(back: Returns, air: Float[Array, "n 3"], outliers: Int[Array, ""
         key: Consumed.
     """
     n, beams = air.shape[0], back.valid.shape[0]
-    key_pick, key_air = jax.random.split(key)
-    priority = jnp.where(back.valid, jax.random.uniform(key_pick, (beams,)), 2.0)
+    luck = jax.random.uniform(key, (beams + n,))
+    priority = jnp.where(back.valid, luck[:beams], 2.0)
     order = jnp.argsort(priority)[:n]
     drawn = back.valid[order] & (jnp.arange(order.shape[0]) < n - outliers)
     chosen = jnp.minimum(jnp.sort(jnp.where(drawn, order, beams)), beams - 1)
-    outlier = jnp.argsort(jax.random.uniform(key_air, (n,))) < outliers
-    source = chosen[jnp.clip(jnp.cumsum(~outlier) - 1, 0)]
+    outlier = jnp.argsort(luck[beams:]) < outliers
+    rank = jnp.cumsum(~outlier) - 1
+    source = chosen[jnp.clip(rank, 0)]
     return Rows(
         jnp.where(outlier[:, None], air, back.xyz_mm[source]),
         outlier,
         back.is_mixed[source] & ~outlier,
         back.station[source],
-        n - outliers - jnp.sum(back.valid),
+        ~outlier & (rank >= jnp.sum(drawn)),
     )
