@@ -118,7 +118,9 @@ def collect(experiment: str, *, size: str, runs: Path, out: Path, revision: str 
 
 def main(arguments: list[str] | None = None) -> None:
     """Command line: `python -m experiments.collect NAME [NAME ...] [--size SIZE] [--out FOLDER]`."""
-    parser = argparse.ArgumentParser(prog="python -m experiments.collect", description=__doc__.split("\n")[0])
+    parser = argparse.ArgumentParser(
+        prog="python -m experiments.collect", description="Fold the runs of an experiment into one results file."
+    )
     parser.add_argument("experiment", nargs="+")
     parser.add_argument("--size", default="quick", choices=("smoke", "quick", "paper"))
     parser.add_argument("--runs", type=Path, default=Path("runs"))

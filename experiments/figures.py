@@ -39,7 +39,7 @@ def _figure(width: float, height: float) -> "Figure":
 
 def deviation(results: Results) -> Drawing:
     """Tables 2 and 3: spread and share within tolerance, before and after, ours and the paper's."""
-    figure = _figure(9, 3.6)
+    figure = _figure(6.6, 3.4)
     left, right = figure.subplots(1, 2)
     snrs = results.values("noise.snr_db")
     orders = results.values("filter.order")
@@ -68,7 +68,7 @@ def deviation(results: Results) -> Drawing:
 
 def removal(results: Results) -> Drawing:
     """Table 1: how well each filter finds the outliers."""
-    figure = _figure(7.5, 3.2)
+    figure = _figure(6.6, 3.2)
     ax: Axes = figure.subplots()
     noises = results.values("noise.kind")
     names = [name for name in paper.TABLE_1 if name in results.values("filter.name")]
@@ -104,7 +104,7 @@ def section(results: Results) -> Drawing:
     """A slice of the scan before and after filtering, on the true circle."""
     view = results.rows(scan__preset=results.values("scan.preset")[-1])[0]["view"]
     radius = view["radius_mm"]
-    figure = _figure(9, 4.6)
+    figure = _figure(6.6, 3.9)
     panels = zip(figure.subplots(1, 2, sharex=True, sharey=True), ("raw", "filtered"), strict=True)
     angle = np.linspace(0, 2 * np.pi, 400)
     for ax, kind in panels:
@@ -143,7 +143,7 @@ def scan_views(results: Results) -> Drawing:
 
 def optimizer_curves(results: Results) -> Drawing:
     """Figure 13: loss and accuracy under each optimizer."""
-    figure = _figure(9, 3.8)
+    figure = _figure(6.6, 3.6)
     left, right = figure.subplots(1, 2)
     for style, name in zip(line_styles(), results.values("optimizer.name"), strict=False):
         rows = results.rows(optimizer__name=name)

@@ -81,7 +81,7 @@ def run(*, size: str, out: Path) -> Path:
 
 def main() -> None:
     """Command line of the main job."""
-    parser = argparse.ArgumentParser(prog="python -m experiments.main", description=__doc__.split("\n")[0])
+    parser = argparse.ArgumentParser(prog="python -m experiments.main", description="Clean, measure, train, report.")
     parser.add_argument("--size", default="quick", choices=("smoke", "quick", "paper"))
     parser.add_argument("--out", type=Path, default=ROOT / "runs")
     options = parser.parse_args()

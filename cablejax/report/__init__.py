@@ -1,5 +1,6 @@
 """Self-contained HTML pages and the figures on them."""
 
+from cablejax.report.measurement import measurement_page
 from cablejax.report.page import Page
 from cablejax.report.scene import point_scene, point_views, thin
 from cablejax.report.style import COLORS, LINES, data_uri, figure_style, line_styles, png_bytes
@@ -11,6 +12,7 @@ __all__ = [
     "data_uri",
     "figure_style",
     "line_styles",
+    "measurement_page",
     "png_bytes",
     "point_scene",
     "point_views",

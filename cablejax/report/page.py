@@ -12,6 +12,8 @@ if TYPE_CHECKING:
 
 TEMPLATE = Path(__file__).parent / "templates" / "page.html.jinja"
 
+WORDY = 32  # a column with longer cells is set as text: to the left, and broken into lines
+
 
 @cache
 def _template():
@@ -76,9 +78,16 @@ class Page:
         for row in rows:
             if len(row) != len(header):
                 raise ValueError(f"rows: expected {len(header)} cells as in the header, got {len(row)}: {list(row)}")
-        self._blocks.append(
-            {"kind": "table", "header": header, "rows": rows, "caption": caption, "groups": list(groups)}
-        )
+        wordy = [i > 0 and any(len(str(row[i])) > WORDY for row in rows) for i in range(len(header))]
+        block = {
+            "kind": "table",
+            "header": header,
+            "rows": rows,
+            "caption": caption,
+            "groups": list(groups),
+            "wordy": wordy,
+        }
+        self._blocks.append(block)
 
     def figure(self, figure: "Figure | bytes", *, alt: str, caption: str) -> None:
         """Add a matplotlib figure, or a PNG image's bytes, embedded in the page."""

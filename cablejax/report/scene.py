@@ -1,7 +1,7 @@
 """Points in 3-D, coloured by their deviation: an interactive scene for pages, a static view for paper."""
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float
@@ -9,7 +9,7 @@ from jaxtyping import Float
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-MOST_POINTS = 20_000
+MOST_POINTS = 12_000
 SCALE = "RdBu"
 
 
@@ -38,21 +38,31 @@ def point_scene(
     names = list(clouds)
     figure = go.Figure()
     for i, (name, (xyz, value)) in enumerate(clouds.items()):
-        rows = thin(len(xyz))
-        x, y, z = np.round(xyz[rows].T, 3)
-        marker = {
-            "size": 1.8,
-            "color": np.round(value[rows], 4),
+        known = np.isfinite(value)
+        scale = {
+            "color": value[known],
             "colorscale": SCALE,
             "cmin": -limit,
             "cmax": limit,
-            "colorbar": {"title": {"text": label, "side": "right"}, "thickness": 12},
+            "colorbar": {
+                "title": {"text": label, "side": "top"},
+                "orientation": "h",
+                "y": 0,
+                "yanchor": "top",
+                "thickness": 10,
+            },
         }
-        figure.add_trace(go.Scatter3d(x=x, y=y, z=z, mode="markers", marker=marker, name=name, visible=i == 0))
+        figure.add_trace(_points(xyz[known], scale, name=name, visible=i == 0))
+        figure.add_trace(_points(xyz[~known], {"color": "lightgrey"}, name=name, visible=i == 0))
     buttons = [
-        {"label": name, "method": "update", "args": [{"visible": [other == name for other in names]}]} for name in names
+        {"label": name, "method": "update", "args": [{"visible": [other == name for other in names for _ in "ab"]}]}
+        for name in names
     ]
-    axes = {axis: {"title": {"text": f"{axis[0]} ({unit})"}} for axis in ("xaxis", "yaxis", "zaxis")}
+    extent = np.ptp(next(iter(clouds.values()))[0], axis=0)
+    axes = {
+        f"{axis}axis": {"title": {"text": f"{axis} ({unit})"}, "nticks": 3 if side < extent.max() / 4 else 8}
+        for axis, side in zip("xyz", extent, strict=True)
+    }
     menu = [
         {
             "type": "buttons",
@@ -65,11 +75,35 @@ def point_scene(
         }
     ]
     figure.update_layout(
-        scene={"aspectmode": "data", **axes},
+        scene={"aspectmode": "data", "camera": _camera(next(iter(clouds.values()))[0]), **axes},
         updatemenus=menu if len(names) > 1 else [],
         margin={"l": 0, "r": 0, "t": 50, "b": 0},
     )
     return figure.to_html(full_html=False, include_plotlyjs=False, config={"responsive": True, "displaylogo": False})
+
+
+def _points(xyz: np.ndarray, marker: dict[str, Any], *, name: str, visible: bool):
+    """Thinned points as one trace; a colour per point is thinned along."""
+    import plotly.graph_objects as go
+
+    rows = thin(len(xyz))
+    x, y, z = np.round(xyz[rows].astype(np.float64), 3).T
+    if not isinstance(marker["color"], str):
+        marker = marker | {"color": np.round(marker["color"][rows].astype(np.float64), 4)}
+    return go.Scatter3d(
+        x=x, y=y, z=z, mode="markers", marker={"size": 1.8, **marker}, name=name, visible=visible, showlegend=False
+    )
+
+
+def _camera(xyz: np.ndarray) -> dict[str, Any]:
+    """Look across the longest side, which then runs from left to right, from far enough to see all of it."""
+    extent = np.maximum(np.ptp(xyz, axis=0), 1e-6)
+    shortest, middle, _ = np.argsort(extent)
+    aspect = extent / extent.prod() ** (1 / 3)
+    eye = np.zeros(3)
+    eye[middle], eye[shortest] = -max(1.6, 1.1 * aspect.max()), 0.4
+    up = np.eye(3)[shortest]
+    return {name: dict(zip("xyz", vector.tolist(), strict=True)) for name, vector in (("eye", eye), ("up", up))}
 
 
 def point_views(
@@ -78,19 +112,18 @@ def point_views(
     """The same clouds side by side, seen along their second-longest direction, as a static figure."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(9.0, 1.2 + 2.0 * len(clouds)))
+    figure = Figure(figsize=(6.6, 1.0 + 1.5 * len(clouds)))
     axes = figure.subplots(len(clouds), 1, sharex=True, squeeze=False)[:, 0]
     first = next(iter(clouds.values()))[0]
     centre = first.mean(axis=0)
     _, _, directions = np.linalg.svd(first[thin(len(first), most=5000)] - centre, full_matrices=False)
-    drawn = None
     for ax, (name, (xyz, value)) in zip(axes, clouds.items(), strict=True):
         rows = thin(len(xyz))
         along, across = ((xyz[rows] - centre) @ directions[:2].T).T
-        drawn = ax.scatter(along, across, c=value[rows], s=1.2, cmap=SCALE, vmin=-limit, vmax=limit, rasterized=True)
+        ax.scatter(along, across, c=value[rows], s=1.2, cmap=SCALE, vmin=-limit, vmax=limit, rasterized=True)
         ax.set_title(name, loc="left")
         ax.set_ylabel("across (mm)")
         ax.set_aspect("equal", adjustable="datalim")
     axes[-1].set_xlabel("along the cable (mm)")
-    figure.colorbar(drawn, ax=list(axes), label=label)
+    figure.colorbar(axes[0].collections[0], ax=list(axes), label=label)
     return figure

@@ -5,7 +5,7 @@ import io
 from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import cycle
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -21,7 +21,7 @@ def figure_style() -> Iterator[None]:
     import matplotlib as mpl
     from cycler import cycler
 
-    settings = {
+    settings: dict[Any, Any] = {
         "axes.prop_cycle": cycler(color=COLORS) + cycler(linestyle=[*LINES]),
         "axes.spines.top": False,
         "axes.spines.right": False,

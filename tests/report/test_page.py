@@ -1,0 +1,55 @@
+"""Pages need nothing but themselves, and nothing a user typed becomes markup."""
+
+import re
+
+import numpy as np
+import pytest
+
+from cablejax.report import Page, data_uri, figure_style, point_scene, point_views, png_bytes, thin
+
+
+def clouds() -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    xyz = np.stack([np.linspace(0, 100, 50), np.cos(np.arange(50.0)), np.sin(np.arange(50.0))], axis=1)
+    value = np.where(np.arange(50) % 10 == 0, np.nan, np.sin(np.arange(50.0)))
+    return {"raw": (xyz, value), "filtered": (xyz, 0.1 * value)}
+
+
+def test_a_page_refers_to_nothing_outside_itself():
+    page = Page("A title")
+    page.section("Scene")
+    page.scene(point_scene(clouds(), label="deviation (mm)", limit=1.0), caption="Points.")
+    with figure_style():
+        page.figure(point_views(clouds(), label="deviation (mm)", limit=1.0), alt="points", caption="Points.")
+    text = page.render()
+    assert not re.search(r"<(script|img|link)[^>]+(src|href)=[\"'](?!data:)", text)
+    assert "Plotly" in text
+    assert "data:image/png;base64," in text
+
+
+def test_what_is_given_is_escaped():
+    page = Page("<script>alert(1)</script>", subtitle="<b>")
+    page.section("<i>", "<u>")
+    page.note("<em>")
+    page.table(["<h>"], [["<c>"]], caption="<cap>")
+    text = page.render()
+    for raw in ("<script>alert", "<i>", "<u>", "<em>", "<c>", "<cap>", "<h>", "<b>"):
+        assert raw not in text
+
+
+def test_rows_must_fit_the_header():
+    with pytest.raises(ValueError, match=r"rows: expected 2 cells as in the header, got 1"):
+        Page("t").table(["a", "b"], [["1"]], caption="")
+
+
+def test_the_same_figure_gives_the_same_bytes():
+    with figure_style():
+        first, second = (png_bytes(point_views(clouds(), label="d", limit=1.0)) for _ in range(2))
+    assert first == second
+    assert data_uri(first).startswith("data:image/png;base64,iVBOR")
+
+
+@pytest.mark.parametrize(("n", "most"), [(0, 5), (3, 5), (5, 5), (1000, 7)])
+def test_thinning_keeps_at_most_so_many_and_both_ends(n: int, most: int):
+    rows = thin(n, most=most)
+    assert len(rows) == min(n, most)
+    assert n == 0 or (rows[0], rows[-1]) == (0, n - 1)
