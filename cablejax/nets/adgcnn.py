@@ -11,6 +11,7 @@ from cablejax.nets.aedgeconv import AEdgeConv
 from cablejax.nets.enhancement import FeatureEnhancement
 from cablejax.nets.fusion import FeatureFusion
 from cablejax.nets.head import Classifier, pool_points
+from cablejax.nets.init import he_normal, lecun_normal
 from cablejax.nets.norm import BatchNorm
 from cablejax.nets.pose import Pose, PosedClouds, pose_channels, pose_clouds
 from cablejax.ops.raster import cylinder_raster, raster_taps, sample_raster
@@ -62,7 +63,7 @@ class ADGCNN(nnx.Module):
             raise ValueError(f"widths: expected 2 or more layers, got {tuple(widths)}")
         self.pose: Pose = pose
         self.scale_mm = scale_mm
-        self.raster_shape = tuple(raster_shape)
+        self.raster_shape = (int(raster_shape[0]), int(raster_shape[1]))
         self.half_length = half_length_mm / scale_mm
         inputs = [pose_channels(pose), *widths[:-1]]
         self.layers = nnx.List(
@@ -81,8 +82,7 @@ class ADGCNN(nnx.Module):
             if enhancement or fusion
             else None
         )
-        init = nnx.initializers.he_normal()
-        self.shared = nnx.Linear(sum(widths), 512, use_bias=False, kernel_init=init, rngs=rngs)
+        self.shared = nnx.Linear(sum(widths), 512, use_bias=False, kernel_init=he_normal, rngs=rngs)
         self.shared_norm = BatchNorm(512)
         self.classifier = Classifier(1024, (256, 128), num_classes, dropout=dropout, rngs=rngs)
 
@@ -141,7 +141,7 @@ class RasterStage(nnx.Module):
         self.enhance_deep = FeatureEnhancement(deep, width, rngs=rngs) if enhancement else None
         joined = 2 * width if enhancement else shallow + deep
         self.fuse = FeatureFusion(joined, features, width=width, rngs=rngs) if fusion else None
-        self.mix = None if fusion else nnx.Linear(joined, features, rngs=rngs)
+        self.mix = None if fusion else nnx.Linear(joined, features, kernel_init=lecun_normal, rngs=rngs)
 
     def __call__(
         self, shallow: Float[Array, "b h w c"], deep: Float[Array, "b h w d"], extras: Float[Array, "b h w 2"]

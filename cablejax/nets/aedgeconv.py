@@ -5,6 +5,7 @@ import jax.numpy as jnp
 from flax import nnx
 from jaxtyping import Array, Bool, Float
 
+from cablejax.nets.init import he_normal, lecun_normal
 from cablejax.nets.norm import BatchNorm
 from cablejax.ops.edges import AttentionWeights, edge_products, feature_graph, pool_edges, pooled_attention
 
@@ -19,8 +20,8 @@ class ChannelAttention(nnx.Module):
 
     def __init__(self, features: int, *, reduction: int = 4, rngs: nnx.Rngs):
         hidden = max(features // reduction, 4)
-        self.squeeze = nnx.Linear(features, hidden, rngs=rngs)
-        self.excite = nnx.Linear(hidden, features, rngs=rngs)
+        self.squeeze = nnx.Linear(features, hidden, kernel_init=lecun_normal, rngs=rngs)
+        self.excite = nnx.Linear(hidden, features, kernel_init=lecun_normal, rngs=rngs)
 
     def weights(self) -> AttentionWeights:
         """The parameters as `cablejax.ops` takes them."""
@@ -54,8 +55,7 @@ class AEdgeConv(nnx.Module):
     ):
         self.k = k
         self.negative_slope = negative_slope
-        init = nnx.initializers.he_normal()
-        self.kernel = nnx.Param(init(rngs.params(), (2 * in_features, features), jnp.float32))
+        self.kernel = nnx.Param(he_normal(rngs.params(), (2 * in_features, features), jnp.float32))
         self.norm = BatchNorm(features)
         self.attention = ChannelAttention(features, rngs=rngs) if attention else None
 

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 from flax import nnx
 from jaxtyping import Array, Float
 
+from cablejax.nets.init import lecun_normal
 from cablejax.nets.separable import SeparableConv
 
 DILATIONS = (2, 3, 4)
@@ -42,7 +43,7 @@ class FeatureFusion(nnx.Module):
 
     def __init__(self, in_features: int, features: int, *, width: int, rngs: nnx.Rngs):
         self.branches = nnx.List([FusionBranch(in_features, width, dilation=rate, rngs=rngs) for rate in DILATIONS])
-        self.mix = nnx.Linear(width, features, rngs=rngs)
+        self.mix = nnx.Linear(width, features, kernel_init=lecun_normal, rngs=rngs)
 
     def __call__(self, grids: Sequence[Float[Array, "b h w c"]]) -> Float[Array, "b h w d"]:
         """Fuse maps of the same raster."""

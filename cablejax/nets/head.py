@@ -7,6 +7,7 @@ import jax.numpy as jnp
 from flax import nnx
 from jaxtyping import Array, Bool, Float
 
+from cablejax.nets.init import he_normal, lecun_normal
 from cablejax.nets.norm import BatchNorm
 
 
@@ -43,17 +44,16 @@ class Classifier(nnx.Module):
         rngs: nnx.Rngs,
     ):
         self.negative_slope = negative_slope
-        init = nnx.initializers.he_normal()
         sizes = [in_features, *widths]
         self.hidden = nnx.List(
             [
-                nnx.Linear(c, d, use_bias=False, kernel_init=init, rngs=rngs)
+                nnx.Linear(c, d, use_bias=False, kernel_init=he_normal, rngs=rngs)
                 for c, d in zip(sizes[:-1], widths, strict=True)
             ]
         )
         self.norms = nnx.List([BatchNorm(d) for d in widths])
         self.dropout = nnx.Dropout(dropout, rngs=rngs) if dropout > 0 else None
-        self.logits = nnx.Linear(sizes[-1], num_classes, rngs=rngs)
+        self.logits = nnx.Linear(sizes[-1], num_classes, kernel_init=lecun_normal, rngs=rngs)
 
     def __call__(self, x: Float[Array, "b c"]) -> Float[Array, "b classes"]:
         """Logits `[b, C]`."""

@@ -1,6 +1,6 @@
 """Networks by name."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any
 
@@ -10,7 +10,7 @@ from flax import nnx
 from cablejax.nets.adgcnn import ADGCNN
 from cablejax.nets.baselines import DGCNN, VGG16, AlexNet, PointNet, ResNet50
 
-MODELS: Mapping[str, type[nnx.Module]] = MappingProxyType(
+MODELS: Mapping[str, Callable[..., nnx.Module]] = MappingProxyType(
     {
         "adgcnn": ADGCNN,
         "dgcnn": DGCNN,

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 from flax import nnx
 from jaxtyping import Array, Float
 
+from cablejax.nets.init import he_normal
 from cablejax.nets.norm import BatchNorm
 
 
@@ -21,9 +22,8 @@ class SeparableConv(nnx.Module):
 
     def __init__(self, in_features: int, features: int, *, dilation: int = 1, rngs: nnx.Rngs):
         self.dilation = dilation
-        init = nnx.initializers.he_normal()
-        self.depthwise = nnx.Param(init(rngs.params(), (3, 3, in_features), jnp.float32))
-        self.pointwise = nnx.Linear(in_features, features, use_bias=False, kernel_init=init, rngs=rngs)
+        self.depthwise = nnx.Param(he_normal(rngs.params(), (3, 3, in_features), jnp.float32))
+        self.pointwise = nnx.Linear(in_features, features, use_bias=False, kernel_init=he_normal, rngs=rngs)
         self.norm = BatchNorm(features)
 
     def __call__(self, grid: Float[Array, "b h w c"]) -> Float[Array, "b h w d"]:

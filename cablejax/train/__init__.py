@@ -1,1 +1,34 @@
-"""cablejax.train"""
+"""Training: optimizers by name, one loop that can be killed at any moment, and the paper's two accuracies."""
+
+from cablejax.train.config import TrainConfig
+from cablejax.train.engine import TrainingDiverged
+from cablejax.train.history import EpochRecord, best_epoch
+from cablejax.train.loop import TrainResult, fit
+from cablejax.train.losses import cross_entropy
+from cablejax.train.metrics import (
+    Clouds,
+    Metrics,
+    class_average_accuracy,
+    confusion_matrix,
+    evaluate,
+    overall_accuracy,
+)
+from cablejax.train.optimizers import OPTIMIZERS, make_optimizer
+
+__all__ = [
+    "OPTIMIZERS",
+    "Clouds",
+    "EpochRecord",
+    "Metrics",
+    "TrainConfig",
+    "TrainResult",
+    "TrainingDiverged",
+    "best_epoch",
+    "class_average_accuracy",
+    "confusion_matrix",
+    "cross_entropy",
+    "evaluate",
+    "fit",
+    "make_optimizer",
+    "overall_accuracy",
+]

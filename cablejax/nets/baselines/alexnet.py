@@ -6,8 +6,7 @@ from flax import nnx
 from jaxtyping import Array, Bool, Float
 
 from cablejax.nets.depth import render
-
-INIT = nnx.initializers.he_normal()
+from cablejax.nets.init import he_normal, lecun_normal
 
 
 class AlexNet(nnx.Module):
@@ -47,7 +46,7 @@ class AlexNet(nnx.Module):
                 strides=stride,
                 padding=padding,
                 feature_group_count=groups,
-                kernel_init=INIT,
+                kernel_init=he_normal,
                 rngs=rngs,
             )
 
@@ -59,9 +58,9 @@ class AlexNet(nnx.Module):
         side = (size + 4 - 11) // 4 + 1
         for _ in range(3):
             side = (side - 3) // 2 + 1
-        self.fc6 = nnx.Linear(256 * side * side, 4096, kernel_init=INIT, rngs=rngs)
-        self.fc7 = nnx.Linear(4096, 4096, kernel_init=INIT, rngs=rngs)
-        self.fc8 = nnx.Linear(4096, num_classes, kernel_init=INIT, rngs=rngs)
+        self.fc6 = nnx.Linear(256 * side * side, 4096, kernel_init=he_normal, rngs=rngs)
+        self.fc7 = nnx.Linear(4096, 4096, kernel_init=he_normal, rngs=rngs)
+        self.fc8 = nnx.Linear(4096, num_classes, kernel_init=lecun_normal, rngs=rngs)
         self.dropout = nnx.Dropout(dropout, rngs=rngs)
 
     def __call__(self, xyz: Float[Array, "b n 3"], mask: Bool[Array, "b n"]) -> Float[Array, "b classes"]:

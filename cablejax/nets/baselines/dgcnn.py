@@ -7,6 +7,7 @@ from jaxtyping import Array, Bool, Float
 
 from cablejax.nets.aedgeconv import AEdgeConv
 from cablejax.nets.head import Classifier, pool_points
+from cablejax.nets.init import he_normal
 from cablejax.nets.norm import BatchNorm
 from cablejax.nets.pose import Pose, pose_channels, pose_clouds
 
@@ -42,7 +43,7 @@ class DGCNN(nnx.Module):
         self.layers = nnx.List(
             [AEdgeConv(c, d, k=k, attention=False, rngs=rngs) for c, d in zip(inputs, widths, strict=True)]
         )
-        self.shared = nnx.Linear(sum(widths), 1024, use_bias=False, kernel_init=nnx.initializers.he_normal(), rngs=rngs)
+        self.shared = nnx.Linear(sum(widths), 1024, use_bias=False, kernel_init=he_normal, rngs=rngs)
         self.norm = BatchNorm(1024)
         self.classifier = Classifier(2048, (512, 256), num_classes, dropout=dropout, rngs=rngs)
 

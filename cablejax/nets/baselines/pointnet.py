@@ -8,6 +8,7 @@ from flax import nnx
 from jaxtyping import Array, Bool, Float
 
 from cablejax.nets.head import Classifier, pool_points
+from cablejax.nets.init import he_normal
 from cablejax.nets.norm import BatchNorm
 from cablejax.nets.pose import Pose, pose_channels, pose_clouds
 
@@ -21,10 +22,9 @@ class PointLayers(nnx.Module):
     """
 
     def __init__(self, in_features: int, widths: Sequence[int], *, rngs: nnx.Rngs):
-        init = nnx.initializers.he_normal()
         sizes = [in_features, *widths]
         self.linears = nnx.List(
-            [nnx.Linear(c, d, kernel_init=init, rngs=rngs) for c, d in zip(sizes[:-1], widths, strict=True)]
+            [nnx.Linear(c, d, kernel_init=he_normal, rngs=rngs) for c, d in zip(sizes[:-1], widths, strict=True)]
         )
         self.norms = nnx.List([BatchNorm(d) for d in widths])
 

@@ -6,9 +6,9 @@ from flax import nnx
 from jaxtyping import Array, Bool, Float
 
 from cablejax.nets.depth import render
+from cablejax.nets.init import he_normal, lecun_normal
 from cablejax.nets.norm import BatchNorm
 
-INIT = nnx.initializers.variance_scaling(2.0, "fan_out", "normal")
 STAGES = ((64, 3), (128, 4), (256, 6), (512, 3))  # width, blocks
 EXPANSION = 4
 
@@ -27,7 +27,7 @@ class Bottleneck(nnx.Module):
 
         def conv(c: int, d: int, side: int, step: int = 1) -> nnx.Conv:
             return nnx.Conv(
-                c, d, (side, side), strides=step, padding=side // 2, use_bias=False, kernel_init=INIT, rngs=rngs
+                c, d, (side, side), strides=step, padding=side // 2, use_bias=False, kernel_init=he_normal, rngs=rngs
             )
 
         self.conv1, self.norm1 = conv(in_features, width, 1), BatchNorm(width)
@@ -66,7 +66,9 @@ class ResNet50(nnx.Module):
         if size < 32:
             raise ValueError(f"size: ResNet50's five halvings need at least 32 pixels, got {size}")
         self.size, self.extent_mm = size, extent_mm
-        self.stem = nnx.Conv(in_channels, 64, (7, 7), strides=2, padding=3, use_bias=False, kernel_init=INIT, rngs=rngs)
+        self.stem = nnx.Conv(
+            in_channels, 64, (7, 7), strides=2, padding=3, use_bias=False, kernel_init=he_normal, rngs=rngs
+        )
         self.norm = BatchNorm(64)
         blocks, channels = [], 64
         for stage, (width, count) in enumerate(STAGES):
@@ -75,7 +77,7 @@ class ResNet50(nnx.Module):
                 blocks.append(Bottleneck(channels, width, stride=stride, rngs=rngs))
                 channels = width * EXPANSION
         self.blocks = nnx.List(blocks)
-        self.logits = nnx.Linear(channels, num_classes, rngs=rngs)
+        self.logits = nnx.Linear(channels, num_classes, kernel_init=lecun_normal, rngs=rngs)
 
     def __call__(self, xyz: Float[Array, "b n 3"], mask: Bool[Array, "b n"]) -> Float[Array, "b classes"]:
         """Logits `[b, C]` of clouds in mm."""
@@ -84,7 +86,7 @@ class ResNet50(nnx.Module):
     def from_image(self, image: Float[Array, "b h w c"]) -> Float[Array, "b classes"]:
         """Logits of images `[b, size, size, in_channels]`."""
         x = jax.nn.relu(self.norm(self.stem(image)))
-        x = nnx.max_pool(x, (3, 3), strides=(2, 2), padding=((1, 1), (1, 1)))
+        x = nnx.max_pool(jnp.pad(x, ((0, 0), (1, 1), (1, 1), (0, 0))), (3, 3), strides=(2, 2))  # x >= 0: zeros lose
         for block in self.blocks:
             x = block(x)
         return self.logits(jnp.mean(x, axis=(1, 2)))

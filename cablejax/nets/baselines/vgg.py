@@ -5,8 +5,8 @@ from flax import nnx
 from jaxtyping import Array, Bool, Float
 
 from cablejax.nets.depth import render
+from cablejax.nets.init import he_normal, lecun_normal
 
-INIT = nnx.initializers.he_normal()
 BLOCKS = ((64, 64), (128, 128), (256, 256, 256), (512, 512, 512), (512, 512, 512))
 
 
@@ -43,14 +43,14 @@ class VGG16(nnx.Module):
         for widths in BLOCKS:
             convs = []
             for width in widths:
-                convs.append(nnx.Conv(channels, width, (3, 3), padding=1, kernel_init=INIT, rngs=rngs))
+                convs.append(nnx.Conv(channels, width, (3, 3), padding=1, kernel_init=he_normal, rngs=rngs))
                 channels = width
             blocks.append(nnx.List(convs))
         self.blocks = nnx.List(blocks)
         side = size // 32
-        self.fc6 = nnx.Linear(512 * side * side, 4096, kernel_init=INIT, rngs=rngs)
-        self.fc7 = nnx.Linear(4096, 4096, kernel_init=INIT, rngs=rngs)
-        self.fc8 = nnx.Linear(4096, num_classes, kernel_init=INIT, rngs=rngs)
+        self.fc6 = nnx.Linear(512 * side * side, 4096, kernel_init=he_normal, rngs=rngs)
+        self.fc7 = nnx.Linear(4096, 4096, kernel_init=he_normal, rngs=rngs)
+        self.fc8 = nnx.Linear(4096, num_classes, kernel_init=lecun_normal, rngs=rngs)
         self.dropout = nnx.Dropout(dropout, rngs=rngs)
 
     def __call__(self, xyz: Float[Array, "b n 3"], mask: Bool[Array, "b n"]) -> Float[Array, "b classes"]:

@@ -1,0 +1,68 @@
+"""Settings of a training run."""
+
+import dataclasses
+from typing import Any, Literal
+
+from cablejax.train.optimizers import OPTIMIZERS
+
+
+@dataclasses.dataclass
+class TrainConfig:
+    """How a model is trained; everything that decides the numbers, and nothing else.
+
+    Attributes:
+        optimizer: Name in `OPTIMIZERS`.
+        learning_rate: Always explicit.
+        optimizer_options: The optimizer's own, see `make_optimizer`.
+        epochs: Passes over the training set.
+        batch_size: Clouds per gradient; the last, smaller batch of an epoch is left out (another permutation each
+            epoch), so that batch statistics always see as many clouds.
+        seed: Decides the order of the clouds.
+        schedule: "constant", or "cosine": the rate falls to 0 along half a cosine over the run.
+        warmup_epochs: The rate rises linearly over this many epochs first.
+        label_smoothing: See `cross_entropy`.
+        clip_norm: See `make_optimizer`.
+        ema_decay: Decay per update of the averaged weights that are evaluated and returned; None evaluates the weights
+            themselves.
+        patience: Stop after this many epochs without a better validation accuracy; None runs to the end.
+        keep_best: Return the weights of the epoch with the best validation accuracy (of equals the lowest loss), not the
+            last ones.
+        steps_per_dispatch: Steps that run as one compiled call, at most.
+        eval_batch_size: Clouds at a time in evaluation.
+    """
+
+    optimizer: str = "adadelta"
+    learning_rate: float = 1.0
+    optimizer_options: dict[str, Any] = dataclasses.field(default_factory=dict)
+    epochs: int = 10
+    batch_size: int = 32
+    seed: int = 0
+    schedule: Literal["constant", "cosine"] = "constant"
+    warmup_epochs: float = 0.0
+    label_smoothing: float = 0.0
+    clip_norm: float | None = None
+    ema_decay: float | None = None
+    patience: int | None = None
+    keep_best: bool = False
+    steps_per_dispatch: int = 10
+    eval_batch_size: int = 32
+
+    def validate(self) -> None:
+        """Raise `ValueError` naming the first setting out of range."""
+        if self.optimizer not in OPTIMIZERS:
+            raise ValueError(f"optimizer: expected one of {', '.join(OPTIMIZERS)}, got {self.optimizer!r}")
+        if self.schedule not in ("constant", "cosine"):
+            raise ValueError(f"schedule: expected constant or cosine, got {self.schedule!r}")
+        for name in ("epochs", "batch_size", "steps_per_dispatch", "eval_batch_size"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name}: expected 1 or more, got {getattr(self, name)}")
+        if not self.learning_rate > 0:
+            raise ValueError(f"learning_rate: expected a number above 0, got {self.learning_rate}")
+        if not 0 <= self.label_smoothing < 1:
+            raise ValueError(f"label_smoothing: expected 0 or more and below 1, got {self.label_smoothing}")
+        if self.ema_decay is not None and not 0 < self.ema_decay < 1:
+            raise ValueError(f"ema_decay: expected a number between 0 and 1, or None, got {self.ema_decay}")
+        if self.warmup_epochs < 0:
+            raise ValueError(f"warmup_epochs: expected 0 or more, got {self.warmup_epochs}")
+        if self.patience is not None and self.patience < 1:
+            raise ValueError(f"patience: expected 1 or more, or None, got {self.patience}")

@@ -1,0 +1,181 @@
+"""A model, an optimizer and settings made into epochs: compilation, dispatch, divergence."""
+
+import time
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from flax import nnx
+from jaxtyping import Array, Int
+
+from cablejax.train.config import TrainConfig
+from cablejax.train.history import EpochRecord
+from cablejax.train.metrics import Clouds, Metrics, predict, score
+from cablejax.train.optimizers import OPTIMIZERS, make_optimizer
+from cablejax.train.step import Data, Schedule, StepReport, TrainState, make_runner, rate_at
+
+
+class TrainingDiverged(RuntimeError):
+    """A loss became NaN or infinite.
+
+    Attributes:
+        state: The state after the update that went wrong, and the others of its dispatch.
+        details: Where: `epoch`, `step`, `batch` (all from 0) and `rows`, the numbers of the batch's clouds.
+    """
+
+    def __init__(self, message: str, state: TrainState, details: dict[str, Any]):
+        super().__init__(message)
+        self.state = state
+        self.details = details
+
+
+class Plan(NamedTuple):
+    """How an epoch is cut.
+
+    Attributes:
+        batches: Batches of an epoch.
+        batch_size: Clouds of a batch.
+        per_call: Batches of one compiled call; divides `batches`.
+    """
+
+    batches: int
+    batch_size: int
+    per_call: int
+
+
+def make_plan(clouds: int, config: TrainConfig) -> Plan:
+    """Cut an epoch of `clouds` clouds.
+
+    Raises:
+        ValueError: If there is no cloud.
+    """
+    if clouds < 1:
+        raise ValueError("train: expected at least one cloud, got none")
+    batch_size = min(config.batch_size, clouds)
+    batches = clouds // batch_size
+    most = min(config.steps_per_dispatch, batches)
+    per_call = next(size for size in range(most, 0, -1) if batches % size == 0)
+    return Plan(batches, batch_size, batches if OPTIMIZERS[config.optimizer].full_set else per_call)
+
+
+def epoch_rows(seed: int, epoch: int, clouds: int, plan: Plan) -> Int[Array, "calls s b"]:
+    """The clouds of every batch of an epoch, drawn without replacement; the same for the same seed and epoch."""
+    key = jax.random.fold_in(jax.random.key(seed), epoch)
+    order = jax.random.permutation(key, clouds)[: plan.batches * plan.batch_size]
+    return order.reshape(-1, plan.per_call, plan.batch_size)
+
+
+class Engine:
+    """Runs epochs of one model under one optimizer.
+
+    Args:
+        model: In any mode; its arrays are copied.
+        config: Settings, valid.
+        plan: From `make_plan`.
+    """
+
+    def __init__(self, model: nnx.Module, config: TrainConfig, plan: Plan):
+        self.config, self.plan = config, plan
+        self.full_set = OPTIMIZERS[config.optimizer].full_set
+        self.optimizer = make_optimizer(
+            config.optimizer, config.learning_rate, clip_norm=config.clip_norm, **config.optimizer_options
+        )
+        updates = 1 if self.full_set else plan.batches
+        self.schedule = Schedule(
+            jnp.float32(config.learning_rate),
+            jnp.float32(config.warmup_epochs * updates),
+            jnp.float32(config.epochs * updates),
+        )
+        own = nnx.merge(*nnx.split(model), copy=True)
+        own.train()
+        self.graphdef, self._params, self._rest = nnx.split(own, nnx.Param, ...)
+        own.eval()
+        self.eval_graphdef = nnx.split(own, nnx.Param, ...)[0]
+        self.compile_seconds = 0.0
+        self._run: Callable[..., tuple[TrainState, StepReport]] | None = None
+
+    def initial_state(self) -> TrainState:
+        """The state before the first update; its arrays are its own."""
+        params, rest = jax.tree.map(jnp.copy, (self._params, self._rest))
+        ema = None if self.config.ema_decay is None else jax.tree.map(jnp.copy, params)
+        opt_state = jax.tree.map(lambda x: jax.lax.convert_element_type(x, x.dtype), self.optimizer.init(params))
+        return TrainState(params, rest, opt_state, ema, jnp.zeros((), jnp.int32))
+
+    def train_epoch(
+        self, state: TrainState, data: Data, epoch: int, *, on_batches: Callable[[int], object] = lambda done: None
+    ) -> tuple[TrainState, EpochRecord]:
+        """One pass over the data; `state` is consumed.
+
+        Args:
+            state: Donated.
+            data: `(xyz, mask, label)` on the device.
+            epoch: Counted from 0.
+            on_batches: Called with the number of batches just done.
+
+        Raises:
+            TrainingDiverged: If a loss is not finite.
+        """
+        rows = epoch_rows(self.config.seed, epoch, len(data[2]), self.plan)
+        run = self._compiled(state, data, rows[0])
+        start = time.perf_counter()
+        reports = []
+        for call, part in enumerate(rows):
+            state, report = run(state, data, part, self.schedule)
+            report = jax.device_get(report)
+            reports.append(report)
+            self._check(report, state, epoch, call, part)
+            on_batches(self.plan.per_call)
+        seconds = time.perf_counter() - start
+        loss, correct, norm = (np.concatenate(each) for each in zip(*reports, strict=True))
+        record = EpochRecord(
+            epoch=epoch + 1,
+            train_loss=float(loss.mean(dtype=np.float64)),
+            train_overall=float(correct.sum() / (self.plan.batches * self.plan.batch_size)),
+            validation_loss=None,
+            validation_overall=None,
+            validation_class_average=None,
+            learning_rate=float(rate_at(state.step - 1, self.schedule, kind=self.config.schedule)),
+            grad_norm=float(norm.mean(dtype=np.float64)),
+            seconds=seconds,
+        )
+        return state, record
+
+    def weights(self, state: TrainState) -> tuple[Any, Any]:
+        """`(params, rest)` to evaluate: the averaged parameters where there are any."""
+        return (state.params if state.ema is None else state.ema), state.rest
+
+    def evaluate(self, state: TrainState, split: Clouds) -> Metrics:
+        """Metrics of the current weights on a split, in evaluation mode."""
+        merged = nnx.merge_state(*self.weights(state))
+        logits = predict(self.eval_graphdef, merged, split, batch_size=self.config.eval_batch_size)
+        return score(logits, np.asarray(split.label))
+
+    def model(self, weights: tuple[Any, Any]) -> nnx.Module:
+        """A model of its own in evaluation mode."""
+        return nnx.merge(self.eval_graphdef, *weights, copy=True)
+
+    def _compiled(self, state: TrainState, data: Data, rows: Array) -> Callable[..., tuple[TrainState, StepReport]]:
+        """The compiled training call; compiles on first use."""
+        if self._run is None:
+            start = time.perf_counter()
+            function = make_runner(self.graphdef, self.optimizer, self.config, full_set=self.full_set)
+            self._run = jax.jit(function, donate_argnums=0).lower(state, data, rows, self.schedule).compile()
+            self.compile_seconds = time.perf_counter() - start
+        return self._run
+
+    def _check(self, report: StepReport, state: TrainState, epoch: int, call: int, rows: Array) -> None:
+        bad = ~np.isfinite(report.loss)
+        if not bad.any():
+            return
+        first = int(bad.argmax())
+        batch = call * self.plan.per_call + first
+        step = epoch * (1 if self.full_set else self.plan.batches) + (0 if self.full_set else batch)
+        details = {"epoch": epoch, "step": step, "batch": batch, "rows": np.asarray(rows[first]).tolist()}
+        raise TrainingDiverged(
+            f"the loss is {report.loss[first]} at step {step} (epoch {epoch + 1}, batch {batch + 1} of "
+            f"{self.plan.batches}) under {self.config.optimizer} at learning rate {self.config.learning_rate}",
+            state,
+            details,
+        )

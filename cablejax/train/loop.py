@@ -1,0 +1,150 @@
+"""The training loop: epochs, validation, best weights, resuming."""
+
+import dataclasses
+import os
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from flax import nnx
+from tqdm import tqdm
+
+from cablejax.io.tensorboard import RunLogger
+from cablejax.train.config import TrainConfig
+from cablejax.train.engine import Engine, TrainingDiverged, make_plan
+from cablejax.train.history import EpochRecord, best_epoch, out_of_patience
+from cablejax.train.metrics import Clouds
+from cablejax.train.resume import RunFolder, data_checksum
+from cablejax.train.step import Data, TrainState
+
+TrainData = Clouds | Callable[[int], Clouds]
+
+
+class TrainResult(NamedTuple):
+    """A finished run.
+
+    Attributes:
+        model: The trained model, in evaluation mode.
+        history: One record an epoch.
+        best_epoch: See `cablejax.train.history.best_epoch`.
+        compile_seconds: Spent on compiling the training step in this process.
+        seconds: Training time of all epochs, over restarts.
+    """
+
+    model: nnx.Module
+    history: list[EpochRecord]
+    best_epoch: int
+    compile_seconds: float
+    seconds: float
+
+
+def fit(
+    model: nnx.Module,
+    train: TrainData,
+    validation: Clouds | None,
+    config: TrainConfig,
+    *,
+    folder: str | os.PathLike[str] | None = None,
+    logger: RunLogger | None = None,
+    progress: bool = True,
+) -> TrainResult:
+    """Train a model; the one given is not changed.
+
+    The same call on the same machine gives the same bits, whether or not the process was killed on the way: with
+    `folder`, the state is saved after every epoch, and a restart repeats at most the epoch that was cut off.
+
+    Args:
+        model: Called as `(xyz [b, n, 3], mask [b, n]) -> logits`.
+        train: Labelled clouds, or a function that gives an epoch's clouds from its number (0, 1, ...): the same number
+            must give the same clouds, and all epochs the same shapes.
+        validation: Clouds that choose the best epoch; None trains without.
+        config: Settings.
+        folder: The run's own; None keeps nothing.
+        logger: Where curves go.
+        progress: Show a progress bar where the output is a terminal.
+
+    Returns:
+        The trained model and its history.
+
+    Raises:
+        ValueError: If a setting is out of range, a split is empty, or `folder` holds another run.
+        TrainingDiverged: If a loss is not finite; it names step and batch and, with `folder`, where the state lies.
+    """
+    config.validate()
+    first = train(0) if callable(train) else train
+    plan = make_plan(len(first.label), config)
+    engine = Engine(model, config, plan)
+    run = None if folder is None else RunFolder(folder, config, data_checksum(first, validation))
+    state, best, history = _start(engine, run)
+    data = _on_device(first)
+    bar = tqdm(
+        total=config.epochs * plan.batches,
+        initial=len(history) * plan.batches,
+        desc=config.optimizer,
+        unit="step",
+        disable=None if progress else True,
+        dynamic_ncols=True,
+    )
+    with bar:
+        for epoch in range(len(history), config.epochs):
+            if out_of_patience(history, config.patience):
+                break
+            if callable(train) and epoch > 0:
+                data = _on_device(train(epoch))
+            try:
+                state, record = engine.train_epoch(state, data, epoch, on_batches=bar.update)
+            except TrainingDiverged as error:
+                raise _kept(error, run) from None
+            if validation is not None:
+                record = record.with_validation(engine.evaluate(state, validation))
+            history.append(record)
+            if config.keep_best and best_epoch(history) == record.epoch:
+                best = jax.tree.map(jnp.copy, engine.weights(state))
+            _report(record, history, (state, best), run, logger, bar)
+
+    trained = engine.model(best if config.keep_best else engine.weights(state))
+    seconds = sum(each.seconds for each in history)
+    return TrainResult(trained, history, best_epoch(history), engine.compile_seconds, seconds)
+
+
+def _start(engine: Engine, run: RunFolder | None) -> tuple[TrainState, Any, list[EpochRecord]]:
+    """State, best weights and history to begin with: the folder's, or fresh ones."""
+    state = engine.initial_state()
+    best = jax.tree.map(jnp.copy, engine.weights(state)) if engine.config.keep_best else None
+    found = None if run is None else run.load((state, best))
+    if found is None:
+        return state, best, []
+    (state, best), history = found
+    return state, best, [EpochRecord(**each) for each in history]
+
+
+def _on_device(clouds: Clouds) -> Data:
+    return jnp.asarray(clouds.xyz), jnp.asarray(clouds.mask), jnp.asarray(clouds.label)
+
+
+def _kept(error: TrainingDiverged, run: RunFolder | None) -> TrainingDiverged:
+    """The error, with the state written beside the checkpoints and the place named."""
+    if run is None:
+        return error
+    path = run.save_diverged(error.details["step"], error.state, error.details)
+    return TrainingDiverged(f"{error}; the state is in {path}", error.state, error.details)
+
+
+def _report(
+    record: EpochRecord,
+    history: list[EpochRecord],
+    tree: Any,
+    run: RunFolder | None,
+    logger: RunLogger | None,
+    bar: tqdm,
+) -> None:
+    """Save, log and show an epoch."""
+    if run is not None:
+        run.save(record.epoch, tree, [dataclasses.asdict(each) for each in history])
+    if logger is not None:
+        logger.scalars(record.scalars(), record.epoch)
+    shown = {"loss": f"{record.train_loss:.3f}"}
+    if record.validation_overall is not None:
+        shown["val"] = f"{record.validation_overall:.3f}"
+    bar.set_postfix(shown)

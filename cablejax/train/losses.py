@@ -1,0 +1,24 @@
+"""The training loss."""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+
+def cross_entropy(
+    logits: Float[Array, "*b classes"], labels: Int[Array, "*b"], *, label_smoothing: float = 0.0
+) -> Float[Array, "*b"]:
+    """Cross-entropy of each sample in nats.
+
+    Args:
+        logits: `[..., C]`.
+        labels: Class numbers `[...]`.
+        label_smoothing: Share of the target spread evenly over all C classes. 0 is plain cross-entropy.
+
+    Example:
+        >>> cross_entropy(jnp.zeros((1, 4)), jnp.array([2])).round(4).tolist()
+        [1.3863]
+    """
+    log_p = jax.nn.log_softmax(logits, axis=-1)
+    own = jnp.take_along_axis(log_p, labels[..., None], axis=-1)[..., 0]
+    return -(1.0 - label_smoothing) * own - label_smoothing * jnp.mean(log_p, axis=-1)

@@ -1,0 +1,135 @@
+"""Overall and class-average accuracy, equations (20) and (21), and a model's evaluation on a split."""
+
+from functools import partial
+from typing import NamedTuple, Protocol
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from flax import nnx
+from jaxtyping import Array, Float, Int
+
+from cablejax.train.losses import cross_entropy
+
+
+class Clouds(Protocol):
+    """Labelled clouds of one padded size, such as `cablejax.simulate.Split`.
+
+    Attributes:
+        xyz: `[N, n, 3]`, mm, centred.
+        mask: True where a row is a point `[N, n]`.
+        label: Class numbers `[N]`.
+    """
+
+    @property
+    def xyz(self) -> Array | np.ndarray: ...
+    @property
+    def mask(self) -> Array | np.ndarray: ...
+    @property
+    def label(self) -> Array | np.ndarray: ...
+
+
+class Metrics(NamedTuple):
+    """What an evaluation found.
+
+    Attributes:
+        overall: Share of clouds classified rightly, equation (20), in 0..1.
+        class_average: Mean over the classes present of that share within the class, equation (21).
+        loss: Mean cross-entropy, nats.
+        confusion: Counts `[C, C]`, rows the true class, columns the predicted one.
+    """
+
+    overall: float
+    class_average: float
+    loss: float
+    confusion: np.ndarray
+
+
+def confusion_matrix(labels: np.ndarray, predicted: np.ndarray, num_classes: int) -> np.ndarray:
+    """Counts `[C, C]`, rows the true class, columns the predicted one.
+
+    Example:
+        >>> confusion_matrix(np.array([0, 0, 1]), np.array([0, 1, 1]), 2).tolist()
+        [[1, 1], [0, 1]]
+    """
+    flat = np.bincount(np.asarray(labels) * num_classes + np.asarray(predicted), minlength=num_classes**2)
+    return flat.reshape(num_classes, num_classes)
+
+
+def overall_accuracy(confusion: np.ndarray) -> float:
+    """Equation (20) as a share of 1: right answers over all; NaN without samples."""
+    total = confusion.sum()
+    return float(np.trace(confusion) / total) if total else float("nan")
+
+
+def class_average_accuracy(confusion: np.ndarray) -> float:
+    """Equation (21) as a share of 1: the mean over classes of the share that is right; classes without samples left out.
+
+    Example:
+        >>> class_average_accuracy(np.array([[8, 0], [1, 1]]))
+        0.75
+    """
+    samples = confusion.sum(axis=1)
+    present = samples > 0
+    return float(np.mean(np.diag(confusion)[present] / samples[present])) if present.any() else float("nan")
+
+
+def evaluate(model: nnx.Module, split: Clouds, *, batch_size: int = 32) -> Metrics:
+    """Classify a split in evaluation mode (running statistics, no dropout); the model itself is not changed.
+
+    Args:
+        model: Called as `(xyz, mask) -> logits`.
+        split: Labelled clouds.
+        batch_size: Clouds at a time.
+
+    Raises:
+        ValueError: If the split is empty or a label is not a class of the model.
+    """
+    graphdef, state = nnx.split(eval_copy(model))
+    return score(predict(graphdef, state, split, batch_size=batch_size), np.asarray(split.label))
+
+
+def eval_copy(model: nnx.Module) -> nnx.Module:
+    """The same model in evaluation mode; it shares the arrays but not the mode."""
+    other = nnx.merge(*nnx.split(model))
+    other.eval()
+    return other
+
+
+def predict(graphdef: nnx.GraphDef, state: nnx.State, split: Clouds, *, batch_size: int) -> np.ndarray:
+    """Logits `[N, C]` of a split, from a model split by `nnx.split`."""
+    total = len(split.xyz)
+    if total == 0:
+        raise ValueError("split: expected at least one cloud, got none")
+    batch_size = min(batch_size, total)
+    batches = -(-total // batch_size)
+    rows = np.minimum(np.arange(batches * batch_size), total - 1).reshape(batches, batch_size)
+    return np.asarray(_logits(graphdef, state, jnp.asarray(split.xyz), jnp.asarray(split.mask), rows))[:total]
+
+
+def score(logits: np.ndarray, labels: np.ndarray) -> Metrics:
+    """Metrics of logits `[N, C]` against labels `[N]`.
+
+    Raises:
+        ValueError: If a label is not in 0..C-1.
+    """
+    classes = logits.shape[1]
+    if labels.min() < 0 or labels.max() >= classes:
+        raise ValueError(f"label: expected 0 to {classes - 1}, got {labels.min()} to {labels.max()}")
+    confusion = confusion_matrix(labels, logits.argmax(axis=1), classes)
+    loss = float(np.mean(np.asarray(cross_entropy(jnp.asarray(logits), jnp.asarray(labels)))))
+    return Metrics(overall_accuracy(confusion), class_average_accuracy(confusion), loss, confusion)
+
+
+@partial(jax.jit, static_argnums=0)
+def _logits(
+    graphdef: nnx.GraphDef, state: nnx.State, xyz: Array, mask: Array, rows: Int[Array, "s b"]
+) -> Float[Array, "s*b classes"]:
+    """Logits of the clouds `rows`, batch after batch."""
+
+    def one(row: Int[Array, " b"]) -> Float[Array, "b classes"]:
+        model = nnx.merge(graphdef, state, copy=True)
+        return model(xyz[row], mask[row])
+
+    logits = jax.lax.map(one, rows)
+    return logits.reshape(-1, logits.shape[-1])
