@@ -132,7 +132,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     options = build_parser().parse_args(arguments)
     module = importlib.import_module(f"cablejax.cli.{options.command}")
-    keep_compiled()
     with warnings.catch_warnings():
         warnings.showwarning = _warn_plainly
         try:
@@ -148,13 +147,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
         except BrokenPipeError:  # the reader of stdout has gone: nothing is left to say
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return EXIT_OK
-
-
-def keep_compiled() -> None:
-    """Keep compiled kernels under the user's cache folder from one call to the next, unless told where else."""
-    import jax
-
-    if jax.config.jax_compilation_cache_dir is None:
-        base = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
-        jax.config.update("jax_compilation_cache_dir", os.path.join(base, "cablejax", "jax"))
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)

@@ -112,18 +112,26 @@ def locate(axis: Axis, xyz: Float[np.ndarray, "n 3"]) -> Place:
     """
     _, nearest = KDTree(axis.xyz).query(xyz, workers=-1)
     s = axis.s[nearest] + np.einsum("ij,ij->i", xyz - axis.xyz[nearest], axis.tangent[nearest])
-    step = axis.s[1] - axis.s[0]
     for _ in range(2):
-        low = np.clip(np.floor(s / step).astype(int), 0, len(axis.s) - 2)
-        t = (s / step - low)[:, None]
-        tangent = _unit((1 - t) * axis.tangent[low] + t * axis.tangent[low + 1])
-        base = _hermite(axis, low, t, step)
-        offset = xyz - base
-        s = s + np.einsum("ij,ij->i", offset, tangent)
-    across = (1 - t) * axis.across[low] + t * axis.across[low + 1]
-    across = _unit(across - np.einsum("ij,ij->i", across, tangent)[:, None] * tangent)
+        base, tangent, _ = _frame_at(axis, s)
+        s = s + np.einsum("ij,ij->i", xyz - base, tangent)
+    base, tangent, across = _frame_at(axis, s)
+    offset = xyz - base
     offset = offset - np.einsum("ij,ij->i", offset, tangent)[:, None] * tangent
-    return Place(s, np.einsum("ij,ij->i", offset, across), np.einsum("ij,ij->i", offset, np.cross(tangent, across)))
+    u, v = np.einsum("ij,ij->i", offset, across), np.einsum("ij,ij->i", offset, np.cross(tangent, across))
+    return Place(s, u, v)
+
+
+def _frame_at(axis: Axis, s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Point, tangent and first frame vector at arc lengths, between the samples and beyond the ends."""
+    step = axis.s[1] - axis.s[0]
+    low = np.clip(np.floor(s / step).astype(int), 0, len(axis.s) - 2)
+    t = (s / step - low)[:, None]
+    part = np.clip(t, 0, 1)
+    tangent = _unit((1 - part) * axis.tangent[low] + part * axis.tangent[low + 1])
+    across = (1 - part) * axis.across[low] + part * axis.across[low + 1]
+    across = _unit(across - np.einsum("ij,ij->i", across, tangent)[:, None] * tangent)
+    return _hermite(axis, low, t, step), tangent, across
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Num
@@ -47,7 +48,7 @@ class MeasureSettings:
     seed: int = 0
 
 
-def _points(cloud_or_xyz_mm: PointCloud | Num[np.ndarray, "n 3"]) -> tuple[np.ndarray, np.ndarray]:
+def _points(cloud_or_xyz_mm: PointCloud | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """All points in float64, and which of them are points at all: padding and NaN are not."""
     if isinstance(cloud_or_xyz_mm, PointCloud):
         xyz = np.asarray(cloud_or_xyz_mm.xyz, dtype=np.float64)
@@ -105,15 +106,28 @@ def _headline(fit: CableFit, shape: Oval | None) -> float:
     return mean - noise_bias_mm(fit)
 
 
-def _painted(fit: CableFit, rows: np.ndarray, n: int) -> dict[str, np.ndarray]:
-    """Deviation and cable coordinates of every point of the scan, NaN off the cable, and which points are the cable's."""
-    out = {name: np.full(n, np.nan) for name in ("deviation_mm", "along_mm", "angle_deg")}
-    out["deviation_mm"][rows] = fit.residual_mm
-    out["along_mm"][rows] = fit.place.s - fit.place.s[fit.weight > 0].min()
-    out["angle_deg"][rows] = np.degrees(np.arctan2(fit.place.v, fit.place.u))
+class _Painted(NamedTuple):
+    """Per point of the scan: is it the cable's, and where; NaN off the cable."""
+
+    keep: np.ndarray
+    deviation_mm: np.ndarray
+    along_mm: np.ndarray
+    angle_deg: np.ndarray
+
+
+def _painted(fit: CableFit, rows: np.ndarray, n: int) -> _Painted:
+    """Spread the fitted points' values over all rows of the scan."""
+
+    def spread(values: np.ndarray) -> np.ndarray:
+        out = np.full(n, np.nan)
+        out[rows] = values
+        return out
+
     keep = np.zeros(n, dtype=bool)
     keep[rows] = np.abs(fit.residual_mm) < KEEP_SIGMA * fit.noise_mm
-    return {"keep": keep, **out}
+    along = fit.place.s - fit.place.s[fit.weight > 0].min()
+    angle = np.degrees(np.arctan2(fit.place.v, fit.place.u))
+    return _Painted(keep, spread(fit.residual_mm), spread(along), spread(angle))
 
 
 def measure_cable(
@@ -195,6 +209,7 @@ def _assembled(
     bend = tightest_bend(axis, window_mm=8 * fit.radius_mm, center_std_mm=center_std)
     nominal_std = float(np.hypot(std, settings.maker_std_mm))
     nominal = {} if catalogue is None else nominal_probabilities(diameter, nominal_std, catalogue)
+    painted = _painted(fit, np.flatnonzero(valid)[rows], len(every))
     result = CableMeasurement(
         diameter_mm=diameter,
         std_mm=std,
@@ -211,7 +226,10 @@ def _assembled(
         points=int(used.sum()),
         axis_mm=axis.xyz + shift,
         sections=sections._replace(s_mm=sections.s_mm - fit.place.s[used].min()),
-        **_painted(fit, np.flatnonzero(valid)[rows], len(every)),
+        keep=painted.keep,
+        deviation_mm=painted.deviation_mm,
+        along_mm=painted.along_mm,
+        angle_deg=painted.angle_deg,
         budget=lines,
         nominal=nominal,
         verdict=None if catalogue is None else verdict(nominal, diameter, nominal_std, catalogue),

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import BSpline
-from scipy.sparse import csr_matrix
+from scipy.sparse import csr_array
 
 from cablejax.measure.axis import Axis, Place, locate, sampled, trimmed
 
@@ -43,23 +43,29 @@ class CableFit(NamedTuple):
     weight: Float[np.ndarray, " n"]
 
 
-def _basis(s: np.ndarray, axis: Axis, knot_mm: float) -> csr_matrix:
+def _basis(s: np.ndarray, axis: Axis, knot_mm: float) -> csr_array:
     """B-splines at arc lengths `[n]`: cubic with a knot every `knot_mm`, or one straight piece for a short cable."""
     low, high = axis.s[0], axis.s[-1]
     pieces = int((high - low) // knot_mm)
     degree = 3 if pieces >= 2 else 1
     pieces = pieces if degree == 3 else 1
     knots = np.concatenate([np.full(degree, low), np.linspace(low, high, pieces + 1), np.full(degree, high)])
-    return BSpline.design_matrix(np.clip(s, low, high), knots, degree).tocsr()
+    return csr_array(BSpline.design_matrix(np.clip(s, low, high), knots, degree))
+
+
+def _columns(basis: csr_array) -> int:
+    shape = basis.shape
+    assert shape is not None
+    return int(shape[1])
 
 
 def _scale(residual: np.ndarray) -> float:
     return 1.4826 * float(np.median(np.abs(residual - np.median(residual)))) + 1e-12
 
 
-def _normal(basis: csr_matrix, cos: np.ndarray, sin: np.ndarray, weight: np.ndarray) -> np.ndarray:
+def _normal(basis: csr_array, cos: np.ndarray, sin: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """The normal matrix of (offsets a, offsets b, radius), dense: its size is a few hundred at most."""
-    m = basis.shape[1]
+    m = _columns(basis)
     normal = np.zeros((2 * m + 1, 2 * m + 1))
     for row, first in enumerate((cos, sin)):
         for column, second in enumerate((cos, sin)):
@@ -83,8 +89,8 @@ def _smoothing(m: int, strength: float) -> np.ndarray:
     return penalty
 
 
-def _moved(axis: Axis, basis_at_samples: csr_matrix, change: np.ndarray) -> Axis:
-    m = basis_at_samples.shape[1]
+def _moved(axis: Axis, basis_at_samples: csr_array, change: np.ndarray) -> Axis:
+    m = _columns(basis_at_samples)
     a, b = basis_at_samples @ change[:m], basis_at_samples @ change[m : 2 * m]
     step = axis.s[1] - axis.s[0]
     return sampled(axis.xyz + a[:, None] * axis.across + b[:, None] * axis.binormal(), step=step)
@@ -96,9 +102,9 @@ def tukey(residual: Float[np.ndarray, " n"], scale: float) -> Float[np.ndarray, 
     return np.where(np.abs(ratio) < 1, (1 - ratio**2) ** 2, 0.0)
 
 
-def _clustered(fit_rows: csr_matrix, cos, sin, influence, inverse_row, patches) -> float:
+def _clustered(fit_rows: csr_array, cos, sin, influence, inverse_row, patches) -> float:
     """Standard deviation of the radius with residuals summed over patches first (a sandwich estimate)."""
-    m = fit_rows.shape[1]
+    m = _columns(fit_rows)
     lever = -(cos * (fit_rows @ inverse_row[:m]) + sin * (fit_rows @ inverse_row[m : 2 * m]) + inverse_row[-1])
     sums = np.bincount(patches, weights=lever * influence)
     return float(np.sqrt(np.sum(sums**2)))
@@ -124,7 +130,7 @@ def fit_cable(xyz: Float[np.ndarray, "n 3"], axis: Axis, radius_mm: float, *, kn
         axis = trimmed(axis, float(ends.min()), float(ends.max()))
         place = locate(axis, xyz)
         basis = _basis(place.s, axis, knot)
-        m = basis.shape[1]
+        m = _columns(basis)
         distance = np.maximum(np.hypot(place.u, place.v), 1e-9)
         cos, sin = place.u / distance, place.v / distance
         change = np.zeros(2 * m + 1)
@@ -151,7 +157,7 @@ def _finished(xyz: np.ndarray, axis: Axis, radius: float, knot: float) -> CableF
     """Residuals, weights and the radius's standard deviations at the solution."""
     place = locate(axis, xyz)
     basis = _basis(place.s, axis, knot)
-    m = basis.shape[1]
+    m = _columns(basis)
     distance = np.maximum(np.hypot(place.u, place.v), 1e-9)
     cos, sin, residual = place.u / distance, place.v / distance, distance - radius
     scale = _scale(residual)

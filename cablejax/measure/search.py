@@ -27,6 +27,7 @@ def _pairs(surface: Surface, count: int, rng: np.random.Generator) -> tuple[np.n
     first = rng.integers(len(surface.xyz), size=count)
     _, near = tree.query(surface.xyz[first], k=reach, workers=-1)
     rank = np.exp(rng.uniform(np.log(min(8, reach - 1)), np.log(reach), size=count)).astype(int)
+    near = np.asarray(near)
     return first, near[np.arange(count), np.minimum(rank, reach - 1)]
 
 

@@ -100,14 +100,17 @@ def oval(fit: CableFit) -> Oval:
     columns = np.stack(
         [np.ones_like(angle), np.cos(angle), np.sin(angle), np.cos(2 * angle), np.sin(2 * angle)], axis=1
     )
-    weight = fit.weight
-    normal = columns.T @ (weight[:, None] * columns)
-    inverse = np.linalg.pinv(normal)
-    change = inverse @ (columns.T @ (weight * fit.residual_mm))
+    change, inverse, scale = np.zeros(5), np.zeros((5, 5)), 0.0
+    for _ in range(5):  # the oval must not count as noise, nor its poles as outliers
+        left = fit.residual_mm - columns @ change
+        scale = 1.4826 * float(np.median(np.abs(left)))
+        weight = tukey(left, scale)
+        inverse = np.linalg.pinv(columns.T @ (weight[:, None] * columns))
+        change = inverse @ (columns.T @ (weight * fit.residual_mm))
     cosine, sine = change[3], change[4]
     amplitude = float(np.hypot(cosine, sine))
     mean = 2 * (fit.radius_mm + float(change[0]))
-    spread = fit.noise_mm * np.sqrt(np.diag(inverse))
+    spread = scale * np.sqrt(np.diag(inverse))
     return Oval(
         diameter_mm=mean,
         std_mm=2 * float(spread[0]),

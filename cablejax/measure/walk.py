@@ -51,7 +51,7 @@ def _reaches(surface: Surface, cylinder: Cylinder, rows: np.ndarray) -> bool:
     """Whether points lie on both sides of the centre: at a free end they lie on one side alone."""
     along = (surface.xyz[rows] - cylinder.center) @ cylinder.direction
     ahead = (along > 0).sum()
-    return min(ahead, len(rows) - ahead) >= max(2, 0.1 * len(rows))
+    return bool(min(ahead, len(rows) - ahead) >= max(2, 0.1 * len(rows)))
 
 
 def _one_way(surface: Surface, tree: KDTree, start: Cylinder, enough: int) -> tuple[list[np.ndarray], list[np.ndarray]]:

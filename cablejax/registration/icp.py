@@ -36,6 +36,13 @@ def _shifted(T: np.ndarray, center: np.ndarray, sign: int) -> np.ndarray:
     return out
 
 
+def _scaled(T: np.ndarray, factor: float) -> np.ndarray:
+    """A motion in another unit of length."""
+    out = T.copy()
+    out[:3, 3] *= factor
+    return out
+
+
 def _empty(T: np.ndarray, count: int, iterations: int) -> RegistrationResult:
     nothing = np.zeros((6, 6))
     status = int(Status.EMPTY | Status.NOT_CONVERGED)
@@ -95,14 +102,18 @@ def icp(
     start = np.eye(4) if T_init is None else np.asarray(T_init, dtype=np.float64)
     if min(len(moving), len(fixed)) < 6:
         return _empty(start, 0, 0)
-    origin = fixed.mean(axis=0)  # float32 under jit: keep the numbers small
-    moving, fixed = moving - origin, fixed - origin
+    # Under jit all is float32 and of order one: a twist mixes lengths with angles, so the unit must not matter.
+    origin = fixed.mean(axis=0)
+    size = float(np.sqrt(np.mean(np.sum((fixed - origin) ** 2, axis=1))))
+    if size == 0:
+        return _empty(start, 0, 0)
+    moving, fixed = (moving - origin) / size, (fixed - origin) / size
     tree = KDTree(fixed)
     spacing = float(np.median(tree.query(fixed[:: max(1, len(fixed) // 5000)], k=2)[0][:, 1]))
-    reach = 10 * spacing if max_distance is None else float(max_distance)
+    reach = 10 * spacing if max_distance is None else float(max_distance) / size
     fixed_normals = surface_normals(fixed, k=k_normals, tree=tree)
     moving_normals = surface_normals(moving, k=k_normals) if method == "gicp" else np.zeros_like(moving)
-    T = _shifted(start, origin, 1)
+    T = _scaled(_shifted(start, origin, 1), 1 / size)
     device = [jnp.asarray(array, jnp.float32) for array in (moving, moving_normals)]
     step: Step | None = None
     inliers = done = 0
@@ -112,7 +123,7 @@ def icp(
         paired = np.isfinite(distance)
         inliers = int(paired.sum())
         if inliers < 6:
-            return _empty(_shifted(T, origin, -1), inliers, done)
+            return _empty(_shifted(_scaled(T, size), origin, -1), inliers, done)
         near = np.where(paired, near, 0)
         pairs = Pairs(
             device[0],
@@ -121,26 +132,39 @@ def icp(
             jnp.asarray(fixed_normals[near], jnp.float32),
             jnp.asarray(paired, jnp.float32),
         )
-        step = icp_step(pairs, jnp.asarray(T, jnp.float32), jnp.float32(least_share), method=method, kernel=kernel)
-        T = _orthonormal(np.asarray(step.T_target_source, dtype=np.float64))
-        small = float(step.moved) < tolerance * spacing + 1e-7 * float(np.abs(fixed).max())
+        current: Step = icp_step(
+            pairs, jnp.asarray(T, jnp.float32), jnp.float32(least_share), method=method, kernel=kernel
+        )
+        T = _orthonormal(np.asarray(current.T_target_source, dtype=np.float64))
+        step = current
+        small = float(current.moved) < tolerance * spacing + 1e-7 * float(np.abs(fixed).max())
         if small:
             break
-    assert step is not None
+    if step is None:
+        raise ValueError(f"max_iterations: expected at least 1, got {max_iterations}")
+    return _result(step, T, origin, size, converged=small, iterations=done, inliers=inliers)
+
+
+def _result(
+    step: Step, T: np.ndarray, origin: np.ndarray, size: float, *, converged: bool, iterations: int, inliers: int
+) -> RegistrationResult:
+    """The last step in the caller's unit and frame."""
     seen = np.asarray(step.seen)
-    status = (Status.OK if small else Status.NOT_CONVERGED) | (Status.OK if seen.all() else Status.DEGENERATE)
+    to_unit = np.repeat([size, 1.0], 3)  # translations carry the unit, rotations do not
+    covariance = to_unit[:, None] * np.asarray(step.covariance, dtype=np.float64) * to_unit[None, :]
+    status = (Status.OK if converged else Status.NOT_CONVERGED) | (Status.OK if seen.all() else Status.DEGENERATE)
     return RegistrationResult(
-        T_target_source=_shifted(T, origin, -1),
-        converged=small,
-        iterations=done,
+        T_target_source=_shifted(_scaled(T, size), origin, -1),
+        converged=converged,
+        iterations=iterations,
         inliers=inliers,
-        rmse=float(step.rmse),
+        rmse=float(step.rmse) * size,
         status=int(status),
-        covariance=np.asarray(step.covariance, dtype=np.float64),
+        covariance=covariance,
         observability=np.asarray(step.observability, dtype=np.float64),
-        directions=np.asarray(step.directions, dtype=np.float64),
+        directions=to_unit[:, None] * np.asarray(step.directions, dtype=np.float64) / size,
         seen=seen,
-        center=np.asarray(step.center, dtype=np.float64) + origin,
+        center=np.asarray(step.center, dtype=np.float64) * size + origin,
     )
 
 

@@ -1,0 +1,68 @@
+"""Scans that give no diameter say so in the user's terms; doubtful ones carry a warning."""
+
+import numpy as np
+import pytest
+
+from cablejax.measure import MeasureError, measure_cable
+from tests.reference.circles import bent_cable
+
+RNG = np.random.default_rng(5)
+
+
+def test_three_points():
+    with pytest.raises(MeasureError, match="Too few points: 3 where at least 50"):
+        measure_cable(np.eye(3))
+
+
+def test_nan_rows_are_counted():
+    with pytest.raises(MeasureError, match=r"Too few points: 0 .* \(60 of 60 rows hold no valid"):
+        measure_cable(np.full((60, 3), np.nan))
+
+
+def test_all_points_equal():
+    with pytest.raises(MeasureError, match="All 100 points are equal"):
+        measure_cable(np.ones((100, 3)))
+
+
+def test_all_points_on_a_line():
+    with pytest.raises(MeasureError, match="on one line"):
+        measure_cable(np.outer(np.linspace(0, 100, 200), [1, 2, 3]))
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.3])
+def test_a_plane_instead_of_a_cable(noise):
+    plane = np.stack([RNG.uniform(0, 500, 5000), RNG.uniform(0, 400, 5000), np.zeros(5000)], axis=1)
+    with pytest.raises(MeasureError, match="lie on a plane"):
+        measure_cable(plane + noise * RNG.normal(size=plane.shape))
+
+
+def test_an_arc_too_small_says_how_small():
+    with pytest.raises(MeasureError, match=r"shows (20|25|30|35) degrees of the circumference, and at least 40"):
+        measure_cable(bent_cable(arc_deg=25.0, noise=0.02))
+
+
+def test_wrong_shape_is_a_plain_value_error():
+    with pytest.raises(ValueError, match=r"cloud_or_xyz_mm: expected shape \[n, 3\], got \[4, 2\]"):
+        measure_cable.__wrapped__(np.zeros((4, 2)))
+
+
+def test_a_cable_read_as_millimetres_that_is_in_metres():
+    result = measure_cable(bent_cable() / 1000)
+    assert any("in metres rather than millimetres" in warning for warning in result.warnings)
+
+
+def test_a_cable_of_25_metres_diameter():
+    result = measure_cable(bent_cable() * 1000)
+    assert result.diameter_mm == pytest.approx(30_000, rel=1e-3)
+    assert any("in millimetres read as metres" in warning for warning in result.warnings)
+
+
+def test_two_cables():
+    both = np.vstack([bent_cable(), bent_cable(seed=1) + np.array([0, 80, 0])])
+    result = measure_cable(both)
+    assert result.diameter_mm == pytest.approx(30, abs=0.02)
+    assert any("A second cable was found, of about 30" in warning for warning in result.warnings)
+
+
+def test_a_partial_arc_says_that_it_takes_the_section_for_round():
+    assert any("taken to be round" in warning for warning in measure_cable(bent_cable(arc_deg=100.0)).warnings)
