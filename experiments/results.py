@@ -61,15 +61,21 @@ class Results:
         found = {row["cell"][key] for row in self.raw["runs"] if key in row["cell"]}
         return sorted(found) if found else [self.config(key)]
 
+    def config_of(self, key: str, **cell: Any) -> Any:
+        """A configuration value of one cell's runs, swept or not."""
+        for row in self.raw["runs"]:
+            if key in row["cell"] and self._matches(row, cell):
+                return row["cell"][key]
+        return self.config(key)
+
+    def _matches(self, row: dict[str, Any], cell: dict[str, Any]) -> bool:
+        fixed = self.raw["config"]
+        wanted = {key.replace("__", "."): value for key, value in cell.items()}
+        return all(row["cell"].get(key, fixed.get(key)) == value for key, value in wanted.items())
+
     def rows(self, **cell: Any) -> list[dict[str, Any]]:
         """Metrics of the runs of one cell; keys are written with `__` for the dot: `filter__name="radius"`."""
-        wanted = {key.replace("__", "."): value for key, value in cell.items()}
-        fixed = self.raw["config"]
-        return [
-            row["metrics"]
-            for row in self.raw["runs"]
-            if all(row["cell"].get(key, fixed.get(key)) == value for key, value in wanted.items())
-        ]
+        return [row["metrics"] for row in self.raw["runs"] if self._matches(row, cell)]
 
     def mean(self, metric: str, **cell: Any) -> Estimate:
         """A metric, dotted where nested, averaged over the seeds of a cell.

@@ -184,12 +184,13 @@ def optimizers(results: Results) -> Table:
         rows.append(
             [
                 NAMES.get(name, name),
+                f"{results.config_of('optimizer.learning_rate', **cell):g}",
                 results.mean("test_overall", **cell).format(3),
                 results.mean("test_class_average", **cell).format(3),
                 f"{history[0]['train_loss']:.3f}",
                 f"{history[-1]['train_loss']:.3f}",
                 f"{results.mean('compile_seconds', **cell).mean:.1f}",
-                f"{sum(epoch['seconds'] for epoch in history):.0f}",
+                f"{results.mean('train_seconds', **cell).mean:.0f}",
             ]
         )
     classes = len(results.config("dataset.sizes_mm2"))
