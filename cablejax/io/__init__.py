@@ -3,22 +3,24 @@
 from cablejax.io.atomic import atomic_write
 from cablejax.io.checkpoints import Checkpoint, CorruptCheckpoint, checkpoint_files, restore_checkpoint, save_checkpoint
 from cablejax.io.open3d_import import import_open3d
-from cablejax.io.points import PointFile, read_points
+from cablejax.io.points import PointFile, iter_points, read_points
 from cablejax.io.provenance import git_state, jsonable, provenance, read_json, write_json
 from cablejax.io.raw import PointFileError
 from cablejax.io.tensorboard import RunLogger
-from cablejax.io.write import write_points
+from cablejax.io.write import PointWriter, write_points
 
 __all__ = [
     "Checkpoint",
     "CorruptCheckpoint",
     "PointFile",
     "PointFileError",
+    "PointWriter",
     "RunLogger",
     "atomic_write",
     "checkpoint_files",
     "git_state",
     "import_open3d",
+    "iter_points",
     "jsonable",
     "provenance",
     "read_json",

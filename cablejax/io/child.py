@@ -1,19 +1,21 @@
 """Readers of LAS, LAZ, COPC and E57: run as a script in a process of their own, for their libraries are native code.
 
 On damaged files that code can loop, abort, or ask for terabytes. This file imports NumPy and the one library it needs
-and nothing of cablejax, so that the process starts quickly. `python child.py las|e57 FILE FOLDER MEMORY_BYTES` writes
-`xyz.npy`, `color.npy`, `intensity.npy` (the last two where the file has them) and `result.json` into FOLDER.
+and nothing of cablejax, so that the process starts quickly. `python child.py las|e57 FILE MEMORY_BYTES POINTS` writes
+the points to standard output, piece by piece: a line of JSON that describes the arrays, then their bytes; last a line
+that holds nothing but the error or null. A piece waits until the one before it was taken.
 """
 
 import json
 import os
 import sys
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
 CHUNK_BYTES = 64 * 2**20
+E57_POINTS = 1_000_000
 FLOAT_INTENSITY = "intensity_f32"
 CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
 SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
@@ -82,7 +84,7 @@ def _las_chunk(points: Any, names: set[str]) -> Chunk:
     return {"xyz": xyz, "color": color, "intensity": intensity, "dropped": int((~keep).sum())}
 
 
-def e57_chunks(path: str, size: int = 1_000_000) -> Iterator[Chunk]:
+def e57_chunks(path: str, size: int | None = None) -> Iterator[Chunk]:
     """Read every scan of an E57 file piece by piece, moved by its pose, without invalid returns.
 
     Yields:
@@ -95,7 +97,7 @@ def e57_chunks(path: str, size: int = 1_000_000) -> Iterator[Chunk]:
 
     file = pye57.E57(path)
     for index in range(file.scan_count):
-        yield from _e57_scan(file, file.get_header(index), size)
+        yield from _e57_scan(file, file.get_header(index), size or E57_POINTS)
 
 
 def _e57_scan(file: Any, header: Any, size: int) -> Iterator[Chunk]:
@@ -135,7 +137,7 @@ def _e57_chunk(columns: dict[str, np.ndarray], axes: tuple[str, ...], invalid: s
         xyz = xyz @ header.rotation_matrix.T + header.translation
     color = None
     if set(COLORS) <= columns.keys():
-        color = np.stack([columns[name][keep] for name in COLORS], axis=1)
+        color = _e57_color(np.stack([columns[name][keep] for name in COLORS], axis=1), header)
     intensity = columns["intensity"][keep].astype(np.float32) if "intensity" in columns else None
     return {"xyz": xyz, "color": color, "intensity": intensity, "dropped": int((~keep).sum())}
 
@@ -143,21 +145,40 @@ def _e57_chunk(columns: dict[str, np.ndarray], axes: tuple[str, ...], invalid: s
 CHUNKS = {"las": las_chunks, "e57": e57_chunks}
 
 
-def main(kind: str, path: str, folder: str, memory_bytes: int) -> None:
-    """Read a file into a folder; every failure ends in `result.json`."""
+def _e57_color(values: np.ndarray, header: Any) -> np.ndarray:
+    """Colours as the limits in the scan's header say: shares of 1, 8 bits or 16 bits; 16 bits where it says nothing."""
+    limits = header.node["colorLimits"] if header.node.isDefined("colorLimits") else None
+    names = [f"{name}Maximum" for name in COLORS]
+    known = [] if limits is None else [limits[name].value() for name in names if limits.isDefined(name)]
+    largest = max(known, default=65535)
+    scale, kind = (255.0, np.uint8) if largest <= 1 else (1.0, np.uint8 if largest <= 255 else np.uint16)
+    values = np.round(values * scale)
+    if not ((values >= 0) & (values <= np.iinfo(kind).max)).all():
+        raise Damaged(f"holds colours outside its limits of 0 to {largest}")
+    return values.astype(kind)
+
+
+def main(kind: str, path: str, memory_bytes: int, size: int, out: BinaryIO) -> None:
+    """Send the pieces of a file, and an end that holds the error, if any. A size of 0 leaves it to the reader."""
     limit_memory(memory_bytes)
-    result: dict[str, Any] = {"error": None, "dropped": 0}
+    error = None
     try:
-        chunks = list(CHUNKS[kind](path))
-        result["dropped"] = sum(chunk["dropped"] for chunk in chunks)
-        for name in ("xyz", "color", "intensity"):
-            parts = [chunk[name] for chunk in chunks]
-            if parts and all(part is not None for part in parts):
-                np.save(os.path.join(folder, f"{name}.npy"), np.concatenate(parts))
-    except BaseException as error:  # noqa: BLE001 (a panic in native code is no Exception)
-        result["error"] = reason(error)
-    with open(os.path.join(folder, "result.json"), "w") as file:
-        json.dump(result, file)
+        for chunk in CHUNKS[kind](path, size or None):
+            send(out, chunk)
+    except BaseException as failure:  # noqa: BLE001 (a panic in native code is no Exception)
+        error = reason(failure)
+    out.write(json.dumps({"error": error}).encode() + b"\n")
+    out.flush()
+
+
+def send(out: BinaryIO, chunk: Chunk) -> None:
+    """Write one piece: its description, then the bytes of its arrays."""
+    arrays = {name: np.ascontiguousarray(value) for name, value in chunk.items() if isinstance(value, np.ndarray)}
+    described = {name: [value.dtype.str, list(value.shape)] for name, value in arrays.items()}
+    out.write(json.dumps({"dropped": chunk["dropped"], "arrays": described}).encode() + b"\n")
+    for value in arrays.values():
+        out.write(value.tobytes())
+    out.flush()
 
 
 def reason(error: BaseException) -> str:
@@ -183,5 +204,14 @@ def limit_memory(memory_bytes: int) -> None:
         return  # Windows, or a tighter limit set from outside
 
 
+def own_output() -> BinaryIO:
+    """Standard output for the points alone: what the libraries print goes nowhere."""
+    out = os.fdopen(os.dup(1), "wb")
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
+    os.dup2(nowhere, 2)
+    return out
+
+
 if __name__ == "__main__":
-    main(sys.argv[1], sys.argv[2], sys.argv[3], int(sys.argv[4]))
+    main(sys.argv[1], sys.argv[2], int(sys.argv[3]), int(sys.argv[4]), own_output())

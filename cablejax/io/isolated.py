@@ -5,50 +5,91 @@ import os
 import signal
 import subprocess
 import sys
-import tempfile
+import threading
+import time
+from collections.abc import Iterator
 from pathlib import Path
+from typing import IO, Any
 
 import numpy as np
 
 from cablejax.io import child
-from cablejax.io.raw import BadFile, RawCloud, as_color
+from cablejax.io.raw import BadFile, RawCloud
 
 
-def read_isolated(kind: str, path: Path, *, time_limit_s: float) -> RawCloud:
-    """Read a LAS, LAZ, COPC ("las") or E57 ("e57") file.
+def read_isolated(kind: str, path: Path, *, time_limit_s: float, size: int | None = None) -> Iterator[RawCloud]:
+    """Read a LAS, LAZ, COPC ("las") or E57 ("e57") file piece by piece.
 
-    The process is a fresh interpreter, not a fork: forking deadlocks once JAX runs its threads.
+    The process is a fresh interpreter, not a fork: forking deadlocks once JAX runs its threads. It ends with the
+    iterator, whether that is exhausted or dropped.
+
+    Args:
+        kind: "las" or "e57".
+        path: The file.
+        time_limit_s: Most time to wait for it, all pieces together.
+        size: Points a piece; the reader's choice where it is None.
 
     Raises:
         BadFile: If the file is damaged, the reader crashed or ran out of time, or its package is missing.
     """
-    with tempfile.TemporaryDirectory(prefix="cablejax-") as folder:
-        # -P keeps this folder, whose modules have common names, off the child's path.
-        command = [sys.executable, "-P", child.__file__, kind, str(path.resolve()), folder, str(_memory_limit())]
-        try:
-            run = subprocess.run(
-                command, timeout=time_limit_s, stdin=subprocess.DEVNULL, capture_output=True, check=False
-            )
-        except subprocess.TimeoutExpired:
-            raise BadFile(f"could not be read within {time_limit_s:g} s; it may be damaged") from None
-        result = Path(folder, "result.json")
-        if not result.is_file():
-            raise BadFile(f"is damaged: its reader {_death(run.returncode)}")
-        report = json.loads(result.read_text())
-        if report["error"] is not None:
-            raise BadFile(report["error"])
-        return _load(Path(folder), report["dropped"])
+    # -P keeps this folder, whose modules have common names, off the child's path.
+    command = [sys.executable, "-P", child.__file__, kind, str(path.resolve()), str(_memory_limit()), str(size or 0)]
+    process = subprocess.Popen(
+        command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, bufsize=2**20
+    )
+    waited = 0.0
+    try:
+        while True:
+            start = time.monotonic()
+            frame, in_time = _receive(process, time_limit_s - waited)
+            waited += time.monotonic() - start
+            if not in_time:
+                raise BadFile(f"could not be read within {time_limit_s:g} s; it may be damaged")
+            if frame is None:
+                raise BadFile(f"is damaged: its reader {_death(process.wait())}")
+            if "error" in frame:
+                if frame["error"] is not None:
+                    raise BadFile(frame["error"])
+                return
+            yield RawCloud(frame["xyz"], frame.get("color"), frame.get("intensity"), frame["dropped"])
+    finally:
+        process.kill()
+        if process.stdout is not None:
+            process.stdout.close()
+        process.wait()
 
 
-def _load(folder: Path, dropped: int) -> RawCloud:
-    arrays = {
-        name: np.load(folder / f"{name}.npy", allow_pickle=False) if (folder / f"{name}.npy").is_file() else None
-        for name in ("xyz", "color", "intensity")
-    }
-    xyz, color = arrays["xyz"], arrays["color"]
-    if xyz is None:
-        return RawCloud(np.zeros((0, 3)), dropped=dropped)
-    return RawCloud(xyz, None if color is None else as_color(color), arrays["intensity"], dropped)
+def _receive(process: subprocess.Popen[bytes], time_limit_s: float) -> tuple[dict[str, Any] | None, bool]:
+    """The next frame, None where the process ended without one, and whether it came in time."""
+    expired = threading.Event()
+
+    def stop() -> None:
+        expired.set()
+        process.kill()
+
+    timer = threading.Timer(max(time_limit_s, 0.0), stop)
+    timer.daemon = True
+    timer.start()
+    try:
+        assert process.stdout is not None
+        return _frame(process.stdout), not expired.is_set()
+    finally:
+        timer.cancel()
+
+
+def _frame(stream: IO[bytes]) -> dict[str, Any] | None:
+    """Parse a line of JSON and the arrays that it announces."""
+    line = stream.readline()
+    if not line.endswith(b"\n"):
+        return None
+    frame = json.loads(line)
+    for name, (dtype, shape) in frame.pop("arrays", {}).items():
+        length = np.dtype(dtype).itemsize * int(np.prod(shape))
+        data = stream.read(length)
+        if len(data) < length:
+            return None
+        frame[name] = np.frombuffer(data, dtype).reshape(shape)
+    return frame
 
 
 def _death(code: int) -> str:

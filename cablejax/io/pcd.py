@@ -6,10 +6,12 @@ import numpy as np
 
 from cablejax.io.ply import INTENSITY_NAMES
 from cablejax.io.raw import BadFile, RawCloud, as_color
+from cablejax.io.records import RecordBlock
 from cablejax.io.text import parse_rows
 
 KINDS = {("F", 4): "<f4", ("F", 8): "<f8", ("I", 1): "i1", ("I", 2): "<i2", ("I", 4): "<i4", ("I", 8): "<i8",
          ("U", 1): "u1", ("U", 2): "<u2", ("U", 4): "<u4", ("U", 8): "<u8"}  # fmt: skip
+STORAGES = ("ascii", "binary", "binary_compressed")
 PADDING = "_"
 
 
@@ -50,6 +52,8 @@ def parse_header(data: bytes) -> Header:
         raise BadFile(f"has a damaged PCD header ({type(error).__name__}: {str(error)[:60]})") from error
     if header.n < 0 or ("WIDTH" in entries and "HEIGHT" in entries and _grid(entries) != header.n):
         raise BadFile("has a damaged PCD header: WIDTH x HEIGHT is not POINTS")
+    if header.storage not in STORAGES:
+        raise BadFile(f"stores its data as {header.storage!r}, expected one of {', '.join(STORAGES)}")
     if not {"x", "y", "z"} <= set(names):
         raise BadFile(f"has no fields x, y and z: {names[:8]}")
     return header
@@ -62,10 +66,20 @@ def read_pcd(data: bytes) -> RawCloud:
         BadFile: If the file holds fewer points than its header promises, or more.
     """
     header = parse_header(data)
-    readers = {"ascii": _ascii, "binary": _binary, "binary_compressed": _compressed}
-    if header.storage not in readers:
-        raise BadFile(f"stores its data as {header.storage!r}, expected ascii, binary or binary_compressed")
-    return _cloud(readers[header.storage](data[header.size :], header))
+    if header.storage == "binary":
+        return from_fields(_block(header).rows(data))
+    body = data[header.size :]
+    return from_fields(_ascii(body, header) if header.storage == "ascii" else _compressed(body, header))
+
+
+def binary_block(head: bytes) -> RecordBlock | None:
+    """Where the points of an uncompressed binary file stand, from its beginning; None for the other ways of storing.
+
+    Raises:
+        BadFile: If that is no header.
+    """
+    header = parse_header(head)
+    return _block(header) if header.storage == "binary" else None
 
 
 def lzf_decompress(data: bytes, size: int) -> bytes:
@@ -100,6 +114,10 @@ def lzf_decompress(data: bytes, size: int) -> bytes:
     if len(out) != size:
         raise BadFile(f"is damaged: its compressed data gives {len(out):,} bytes, not {size:,}")
     return bytes(out)
+
+
+def _block(header: Header) -> RecordBlock:
+    return RecordBlock(header.dtype, header.n, header.size, last=True)
 
 
 def _grid(entries: dict[str, list[str]]) -> int:
@@ -154,12 +172,6 @@ def _cast(cell: np.ndarray, kind: np.dtype) -> np.ndarray:
     return cast
 
 
-def _binary(data: bytes, header: Header) -> np.ndarray:
-    held = len(data) // header.dtype.itemsize
-    _check_count(held, header.n)
-    return np.frombuffer(data, header.dtype, header.n)
-
-
 def _compressed(data: bytes, header: Header) -> np.ndarray:
     """Compressed data: two lengths, then all of the first field, all of the second, and so on."""
     size = header.n * header.dtype.itemsize
@@ -186,7 +198,12 @@ def _check_count(held: int, promised: int) -> None:
         raise BadFile(f"holds {held:,} points, more than the {promised:,} of its header")
 
 
-def _cloud(rows: np.ndarray) -> RawCloud:
+def from_fields(rows: np.ndarray) -> RawCloud:
+    """A cloud from records with fields x, y, z and perhaps packed colours and intensity.
+
+    Raises:
+        BadFile: If x, y or z holds several numbers.
+    """
     names = rows.dtype.names or ()
     if any(rows.dtype[axis].shape for axis in "xyz"):
         raise BadFile("has several numbers in one of its fields x, y and z")

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cablejax.io.raw import BadFile, RawCloud, as_color
+from cablejax.io.records import RecordBlock
 from cablejax.io.text import parse_rows
 
 TYPES = {
@@ -83,8 +84,18 @@ def read_ply(data: bytes) -> RawCloud:
         BadFile: If the file holds fewer vertices than its header promises, or more.
     """
     header = parse_header(data)
-    rows = _ascii_vertices(data, header) if header.order is None else _binary_vertices(data, header)
+    rows = _ascii_vertices(data, header) if header.order is None else _block(header).rows(data)
     return from_fields(rows)
+
+
+def binary_block(head: bytes) -> RecordBlock | None:
+    """Where the vertices of a binary file stand, from its beginning; None for ASCII.
+
+    Raises:
+        BadFile: If that is no header.
+    """
+    header = parse_header(head)
+    return None if header.order is None else _block(header)
 
 
 def vertex_dtype(header: Header) -> np.dtype:
@@ -121,24 +132,17 @@ def _check_vertices(header: Header) -> None:
         raise BadFile("has a negative count in its PLY header")
 
 
+def _block(header: Header) -> RecordBlock:
+    at = header.vertex_index()
+    start = header.size + sum(_fixed_size(element) for element in header.elements[:at])
+    return RecordBlock(vertex_dtype(header), header.elements[at].n, start, at == len(header.elements) - 1)
+
+
 def _fixed_size(element: Element) -> int:
     """Bytes of an element without lists."""
     if any(kind is None for _, kind in element.fields):
         raise BadFile(f"has a list element ({element.name}) before its vertices, which is not supported")
     return element.n * sum(np.dtype(kind).itemsize for _, kind in element.fields)
-
-
-def _binary_vertices(data: bytes, header: Header) -> np.ndarray:
-    at = header.vertex_index()
-    count, dtype = header.elements[at].n, vertex_dtype(header)
-    start = header.size + sum(_fixed_size(element) for element in header.elements[:at])
-    left = len(data) - start - count * dtype.itemsize
-    if left < 0:
-        held = max(0, len(data) - start) // dtype.itemsize
-        raise BadFile(f"is truncated: its header promises {count:,} points, {held:,} are there")
-    if at == len(header.elements) - 1 and left >= dtype.itemsize:
-        raise BadFile(f"holds {left:,} bytes more than the {count:,} points of its header")
-    return np.frombuffer(data, dtype, count, start)
 
 
 def _ascii_vertices(data: bytes, header: Header) -> np.ndarray:

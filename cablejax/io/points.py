@@ -1,33 +1,18 @@
 """Point files of every kind in, and four kinds out: units, large coordinates, invalid returns, colours, damage."""
 
-import gzip
 import os
-import tempfile
-import warnings
-import zlib
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Num
 
-from cablejax.io.isolated import read_isolated
-from cablejax.io.leica import read_pts, read_ptx
-from cablejax.io.pcd import read_pcd
-from cablejax.io.ply import read_ply
-from cablejax.io.raw import BadFile, PointFileError, RawCloud
-from cablejax.io.text import read_obj, read_table
+from cablejax.io.raw import BadFile, RawCloud, join
+from cablejax.io.sources import as_point_file_error, pieces
 from cablejax.types import PointCloud
 
 UNITS_MM = {"um": 1e-3, "mm": 1.0, "cm": 10.0, "dm": 100.0, "m": 1000.0, "km": 1e6, "in": 25.4, "ft": 304.8}
-PARSERS: dict[str, Callable[[bytes], RawCloud]] = {
-    ".ply": read_ply, ".pcd": read_pcd, ".pts": read_pts, ".ptx": read_ptx, ".obj": read_obj,
-    ".xyz": read_table, ".txt": read_table, ".csv": read_table, ".asc": read_table, ".dat": read_table,
-}  # fmt: skip
-NATIVE = {".las": "las", ".laz": "las", ".e57": "e57"}
-ENDINGS = (*PARSERS, *NATIVE)
-GZIP_MAGIC = b"\x1f\x8b"
 # Scanners mark a missing return with NaN, infinity, or the largest float; no cable is a light minute away.
 LARGEST_MM = 1e15
 
@@ -86,21 +71,55 @@ def read_points(path: str | os.PathLike[str], *, unit: str = "mm", time_limit_s:
         >>> scan.xyz_mm.tolist(), scan.dropped
         ([[1000.0, 2000.0, 3000.0]], 1)
     """
-    scale = unit_scale(unit)
-    path = Path(path)
-    try:
-        raw = _read(path, time_limit_s, unit)
-        return _finish(raw, path, unit, scale)
-    except BadFile as error:
-        raise PointFileError(path, str(error)) from error
-    except FileNotFoundError:
-        raise PointFileError(path, "does not exist") from None
-    except (EOFError, zlib.error, gzip.BadGzipFile) as error:
-        raise PointFileError(path, f"is damaged or truncated (its gzip stream is broken: {error})") from error
-    except OSError as error:
-        raise PointFileError(path, f"cannot be read ({error.strerror or error})") from error
-    except (MemoryError, OverflowError) as error:
-        raise PointFileError(path, "is damaged, or larger than this machine's memory") from error
+    scale, path = unit_scale(unit), Path(path)
+    with as_point_file_error(path):
+        raw = join(list(pieces(path, unit=unit, time_limit_s=time_limit_s, size=None)))
+        if len(raw.xyz) == 0:
+            raise BadFile(nothing_valid(raw.dropped))
+        scan = in_millimetres(raw, path, unit, scale)
+        if len(scan.xyz_mm) == 0:
+            raise BadFile(nothing_valid(scan.dropped))
+    return scan
+
+
+def iter_points(
+    path: str | os.PathLike[str], *, unit: str = "mm", chunk: int = 1_000_000, time_limit_s: float | None = None
+) -> Iterator[PointFile]:
+    """Read a file in pieces, for clouds larger than memory.
+
+    LAS, LAZ, COPC, E57 and binary PLY and PCD are never held whole; text, ASCII and compressed PCD are, and handed out
+    in pieces. All pieces share one `shift_mm`. A piece may be smaller than `chunk`; an empty one is left out, its
+    invalid returns are counted with the next, or with the one before at the end of the file.
+
+    Args:
+        path: The file.
+        unit: Its unit, as for `read_points`.
+        chunk: Most points a piece.
+        time_limit_s: Most time to wait for a native reader, all pieces together, as for `read_points`.
+
+    Yields:
+        The next points.
+
+    Raises:
+        ValueError: If `unit` is unknown or `chunk` is below 1.
+        PointFileError: As `read_points`; where only the end of a file is damaged, after the pieces before it.
+    """
+    if chunk < 1:
+        raise ValueError(f"chunk: expected 1 or more, got {chunk}")
+    scale, path = unit_scale(unit), Path(path)
+    shift, before, dropped = None, None, 0
+    with as_point_file_error(path):
+        for raw in pieces(path, unit=unit, time_limit_s=time_limit_s, size=chunk):
+            piece = in_millimetres(raw, path, unit, scale, shift)
+            dropped += piece.dropped
+            if len(piece.xyz_mm) == 0:
+                continue
+            if before is not None:
+                yield before
+            before, shift, dropped = replace(piece, dropped=dropped), piece.shift_mm, 0
+        if before is None:
+            raise BadFile(nothing_valid(dropped))
+    yield replace(before, dropped=before.dropped + dropped)
 
 
 def unit_scale(unit: str) -> float:
@@ -114,69 +133,24 @@ def unit_scale(unit: str) -> float:
     return UNITS_MM[unit]
 
 
-def sniff(head: bytes, path: Path) -> str:
-    """The format of a file, as an ending, from its first bytes and its name.
-
-    Raises:
-        BadFile: If neither tells.
-    """
-    if head.startswith((b"ply\n", b"ply\r")):
-        return ".ply"
-    if head.startswith(b"LASF"):
-        return ".las"
-    if head.startswith(b"ASTM-E57"):
-        return ".e57"
-    if b"VERSION" in head and b"FIELDS" in head:
-        return ".pcd"
-    suffixes = [suffix.lower() for suffix in path.suffixes if suffix.lower() != ".gz"]
-    if not suffixes or suffixes[-1] not in ENDINGS:
-        raise BadFile(f"has an unknown ending; known are {', '.join(ENDINGS)}, each also with .gz")
-    return suffixes[-1]
+def nothing_valid(dropped: int) -> str:
+    """Why an empty cloud is an error."""
+    return f"holds no valid point ({dropped:,} invalid returns)" if dropped else "holds no point"
 
 
-def _read(path: Path, time_limit_s: float | None, unit: str) -> RawCloud:
-    if path.is_dir():
-        raise BadFile("is a folder, not a file")
-    if path.exists() and not path.is_file():
-        raise BadFile("is no regular file")
-    with path.open("rb") as file:
-        packed = file.read(2) == GZIP_MAGIC
-        file.seek(0)
-        stream = gzip.GzipFile(fileobj=file) if packed else file
-        head = stream.read(4096)
-        if not head:
-            raise BadFile("is empty")
-        kind = sniff(head, path)
-        stream.seek(0)
-        if kind in PARSERS:
-            return PARSERS[kind](stream.read())
-        if kind == ".e57" and unit != "m":
-            warnings.warn(f"{path.name}: E57 files are in metres, read as {unit} as asked", stacklevel=3)
-        limit = 30 + path.stat().st_size / 1e6 if time_limit_s is None else time_limit_s
-        if not packed:
-            return read_isolated(NATIVE[kind], path, time_limit_s=limit)
-        with tempfile.NamedTemporaryFile(suffix=kind) as unpacked:
-            while block := stream.read(2**20):
-                unpacked.write(block)
-            unpacked.flush()
-            return read_isolated(NATIVE[kind], Path(unpacked.name), time_limit_s=limit)
-
-
-def _finish(raw: RawCloud, path: Path, unit: str, scale: float) -> PointFile:
-    """Scale to mm, leave out what is no point, choose the shift."""
-    if len(raw.xyz) == 0:
-        raise BadFile(f"holds no valid point ({raw.dropped:,} invalid returns)" if raw.dropped else "holds no point")
+def in_millimetres(
+    raw: RawCloud, path: Path, unit: str, scale: float, shift_mm: Float[np.ndarray, "3"] | None = None
+) -> PointFile:
+    """Scale to mm, leave out what is no point, choose the shift where none is given."""
     with np.errstate(over="ignore", invalid="ignore"):
         xyz_mm = raw.xyz * scale
         valid = (np.abs(xyz_mm) < LARGEST_MM).all(axis=1)
-    xyz_mm = xyz_mm[valid]
-    dropped = raw.dropped + int((~valid).sum())
-    if len(xyz_mm) == 0:
-        raise BadFile(f"holds no valid point ({dropped:,} invalid returns)")
+    if shift_mm is None:
+        shift_mm = np.round(np.median(xyz_mm[valid], axis=0)) if valid.any() else np.zeros(3)
     return PointFile(
-        xyz_mm=xyz_mm,
-        shift_mm=np.round(np.median(xyz_mm, axis=0)),
-        dropped=dropped,
+        xyz_mm=xyz_mm[valid],
+        shift_mm=shift_mm,
+        dropped=raw.dropped + int((~valid).sum()),
         color=None if raw.color is None else raw.color[valid],
         intensity=None if raw.intensity is None else raw.intensity[valid],
         unit=unit,

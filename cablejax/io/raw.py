@@ -44,14 +44,19 @@ class RawCloud(NamedTuple):
 
 
 def join(clouds: list[RawCloud]) -> RawCloud:
-    """Several scans of one file as one cloud; colours and intensity stay where every scan has them."""
-
-    def stack(name: str) -> np.ndarray | None:
-        parts = [getattr(cloud, name) for cloud in clouds]
-        return None if any(part is None for part in parts) else np.concatenate(parts)
-
-    xyz = np.concatenate([cloud.xyz for cloud in clouds])
-    return RawCloud(xyz, stack("color"), stack("intensity"), sum(cloud.dropped for cloud in clouds))
+    """Several scans or pieces of one file as one cloud; colours and intensity stay where every one has them."""
+    dropped = sum(cloud.dropped for cloud in clouds)
+    filled = [cloud for cloud in clouds if len(cloud.xyz)]
+    if len(filled) < 2:
+        return (filled[0] if filled else RawCloud(np.zeros((0, 3))))._replace(dropped=dropped)
+    color = intensity = None
+    if all(cloud.color is not None for cloud in filled):
+        colors = [cloud.color for cloud in filled if cloud.color is not None]
+        wide = len({part.dtype for part in colors}) > 1
+        color = np.concatenate([as_uint16(part) if wide else part for part in colors])
+    if all(cloud.intensity is not None for cloud in filled):
+        intensity = np.concatenate([cloud.intensity for cloud in filled if cloud.intensity is not None])
+    return RawCloud(np.concatenate([cloud.xyz for cloud in filled]), color, intensity, dropped)
 
 
 def as_color(values: np.ndarray) -> np.ndarray:
