@@ -1,31 +1,55 @@
 """Simulated cable scans with exact truth: nominal sizes, shapes, scanners, noise, and the dataset made from them."""
 
+from cablejax.simulate.accessories import Revolved, with_clamp, with_joint, with_stress_cone, with_termination
 from cablejax.simulate.catalogue import Cable, catalogue, nominal_probabilities
+from cablejax.simulate.clutter import Scene, bare, neighbours, support, tray, trefoil, wall
 from cablejax.simulate.dataset import DatasetConfig, Split, make_split, sample_clouds
 from cablejax.simulate.noise import add_noise, noise_mm
 from cablejax.simulate.presets import PRESETS, Scanner, scanner
-from cablejax.simulate.scanner import Part, Scan, simulate_scan
-from cablejax.simulate.shapes import SurfacePoint, Tube, locate, make_tube, signed_distance
+from cablejax.simulate.profiles import Profile, ProfiledTube, make_profiled
+from cablejax.simulate.scanner import Scan, scan_scene, simulate_scan
+from cablejax.simulate.scenes import SCENES, make_scene
+from cablejax.simulate.shapes import SHAPES, Tube, make_tube
+from cablejax.simulate.surface import Part, SurfacePoint, locate, signed_distance
 
 __all__ = [
     "PRESETS",
+    "SCENES",
+    "SHAPES",
     "Cable",
     "DatasetConfig",
     "Part",
+    "Profile",
+    "ProfiledTube",
+    "Revolved",
     "Scan",
     "Scanner",
+    "Scene",
     "Split",
     "SurfacePoint",
     "Tube",
     "add_noise",
+    "bare",
     "catalogue",
     "locate",
+    "make_profiled",
+    "make_scene",
     "make_split",
     "make_tube",
+    "neighbours",
     "noise_mm",
     "nominal_probabilities",
     "sample_clouds",
+    "scan_scene",
     "scanner",
     "signed_distance",
     "simulate_scan",
+    "support",
+    "tray",
+    "trefoil",
+    "wall",
+    "with_clamp",
+    "with_joint",
+    "with_stress_cone",
+    "with_termination",
 ]

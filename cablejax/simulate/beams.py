@@ -6,9 +6,10 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 from jax.scipy.special import ndtr
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
-from cablejax.simulate.shapes import SurfacePoint, Tube
+from cablejax.simulate.clutter import Cabling, Scene
+from cablejax.simulate.surface import SurfacePoint, around, label, unit
 
 TRACE_STEPS = 48  # sphere-tracing steps: enough for every beam that is not lost by LEAST_COSINE
 LEAST_COSINE = 0.02  # beams within 1.1 degrees of the surface do not come back
@@ -36,8 +37,9 @@ class Echo(NamedTuple):
         xyz_mm: That point `[3]`; on the surface to rounding for a hit.
         cosine: Cosine of the incidence angle `[]`.
         margin_mm: How far inside the silhouette the beam passes `[]`, negative outside.
-        arc_mm: Arc length of the surface point, or of the closest one `[]`.
-        angle: Its angle around the cable `[]`.
+        arc_mm: Arc length along the cable `[]`.
+        angle: Angle around the cable `[]`.
+        part: `Part` label of what was met `[]`.
     """
 
     hit: Bool[Array, ""]
@@ -47,16 +49,17 @@ class Echo(NamedTuple):
     margin_mm: Float[Array, ""]
     arc_mm: Float[Array, ""]
     angle: Float[Array, ""]
+    part: Int[Array, ""]
 
 
 def aim(
-    tube: Tube, head_mm: Float[Array, ""], arc_mm: Float[Array, ""], across: Float[Array, ""],
+    cable: Cabling, head_mm: Float[Array, ""], arc_mm: Float[Array, ""], across: Float[Array, ""],
     angle: Float[Array, ""], standoff_mm: Float[Array, ""], spread_mm: Float[Array, ""],
 ) -> Beam:  # fmt: skip
     """Beam from a head beside the cable towards the axis at `arc_mm`, shifted across the view.
 
     Args:
-        tube: The cable.
+        cable: The cable.
         head_mm: Arc length beside which the head stands.
         arc_mm: Arc length aimed at.
         across: Place across the view, -1 to 1 from rim to rim.
@@ -64,28 +67,22 @@ def aim(
         standoff_mm: Distance of the head from the axis.
         spread_mm: What is added to the silhouette's half-width on both sides.
     """
-    base, tangent = tube.centreline.at(head_mm)
-    cos, sin = jnp.cos(angle), jnp.sin(angle)
-    outward = jnp.stack([-tangent[1] * cos, tangent[0] * cos, sin])
-    origin = jnp.concatenate([base, jnp.zeros(1)]) + standoff_mm * outward
-    target, tangent = tube.centreline.at(arc_mm)
-    target = jnp.concatenate([target, jnp.zeros(1)])
-    view = target - origin
-    side = jnp.cross(jnp.concatenate([tangent, jnp.zeros(1)]), view)
-    side = side / jnp.linalg.norm(side)
+    origin = around(cable.centreline, head_mm, angle, standoff_mm)
+    target, tangent = cable.centreline.at(arc_mm)
+    view = jnp.concatenate([target, jnp.zeros(1)]) - origin
+    side = unit(jnp.cross(jnp.concatenate([tangent, jnp.zeros(1)]), view))
     # a beam just touching the tube passes the axis at r / sqrt(1 - (r / d)^2), measured in the plane through the axis
-    ratio = tube.radius_mm / jnp.linalg.norm(view)
-    half_width = tube.radius_mm / jnp.sqrt(1 - ratio**2) + spread_mm
-    ray = view + across * half_width * side
-    return Beam(origin, ray / jnp.linalg.norm(ray))
+    ratio = cable.outline_mm / jnp.linalg.norm(view)
+    half_width = cable.outline_mm / jnp.sqrt(1 - ratio**2) + spread_mm
+    return Beam(origin, unit(view + across * half_width * side))
 
 
-def cast(tube: Tube, beam: Beam) -> Echo:
+def cast(scene: Scene, beam: Beam) -> Echo:
     """Meet the surface by sphere tracing; the last point is pulled onto the surface along the beam."""
 
     def step(_, state):
         t, nearest, nearest_t = state
-        distance = tube.signed_distance(beam.origin_mm + t * beam.direction)
+        distance = scene.bound(beam.origin_mm + t * beam.direction)
         closer = distance < nearest
         return (
             t + jnp.where(distance > 0.1 * HIT_MM, distance, 0.0),
@@ -101,21 +98,21 @@ def cast(tube: Tube, beam: Beam) -> Echo:
 
     def pull(_, state):
         xyz, t, _ = state
-        surface = tube.locate(xyz)
+        surface = scene.locate(xyz)
         cosine = -jnp.dot(surface.normal, beam.direction)
         ahead = met & (cosine > LEAST_COSINE)
         shift = jnp.where(ahead, surface.signed_distance_mm / jnp.where(ahead, cosine, 1.0), 0.0)
         return xyz + shift * beam.direction, t + shift, (surface, cosine)
 
     # Newton's method along the beam: one step is too little for grazing beams, the last one only looks
-    blank = SurfacePoint(zero, jnp.zeros(3), zero, zero, zero)
+    blank = SurfacePoint(zero, jnp.zeros(3), zero, zero, zero, label(0))
     xyz, t, (surface, cosine) = jax.lax.fori_loop(0, 3, pull, (xyz, t, (blank, zero)))
     facing = met & (cosine > LEAST_COSINE) & (jnp.abs(surface.signed_distance_mm) < HIT_MM)
-    hit = facing & _scanned(tube, surface.arc_mm)
+    hit = facing & _scanned(scene.cable, surface.arc_mm)
     # the beam passes the axis at r sin(incidence): r - r sin = r cos^2 / (1 + sin)
     sine = jnp.sqrt(jnp.maximum(1 - cosine**2, 0.0))
-    margin = jnp.where(met, tube.radius_mm * cosine**2 / (1 + sine), -nearest)
-    return Echo(hit, t, xyz, cosine, margin, surface.arc_mm, surface.angle)
+    margin = jnp.where(met, surface.radius_mm * cosine**2 / (1 + sine), -nearest)
+    return Echo(hit, t, xyz, cosine, margin, surface.arc_mm, surface.angle, surface.part)
 
 
 class Return(NamedTuple):
@@ -125,20 +122,22 @@ class Return(NamedTuple):
         xyz_mm: `[3]`.
         valid: False for a beam that gave no point `[]`.
         is_mixed: True where the range is averaged over the cable and what lies behind it `[]`.
-        angle: Angle around the cable of the surface point met `[]`.
+        angle: Angle around the cable `[]`.
+        part: `Part` label of what was met `[]`.
     """
 
     xyz_mm: Float[Array, " 3"]
     valid: Bool[Array, ""]
     is_mixed: Bool[Array, ""]
     angle: Float[Array, ""]
+    part: Int[Array, ""]
 
 
-def measure(tube: Tube, beam: Beam, numbers: dict[str, Array], luck: Float[Array, " 6"]) -> Return:
+def measure(scene: Scene, beam: Beam, numbers: dict[str, Array], luck: Float[Array, " 6"]) -> Return:
     """What the scanner reports for one beam: jitter, mixed pixels, drop-outs, range noise, counting steps.
 
     Args:
-        tube: The cable.
+        scene: The cable and what stands around it.
         beam: The nominal beam.
         numbers: The fields of `Scanner` as arrays `[]`.
         luck: Uniform draws on [0, 1): two tilts, the range, mixed or not, how deep, returned or not. Drawn outside, for
@@ -146,11 +145,11 @@ def measure(tube: Tube, beam: Beam, numbers: dict[str, Array], luck: Float[Array
     """
     draw, chance = gaussian(luck[:3]), luck[3:]
     tilted = _tilt(beam, 1e-3 * numbers["jitter_mrad"] * draw[:2])
-    echo = cast(tube, tilted)
+    echo = cast(scene, tilted)
     on_cable = ndtr(echo.margin_mm / jnp.maximum(numbers["footprint_mm"], 1e-6))
     split = (on_cable > 0.02) & (on_cable < 0.98)
     inside = (echo.hit | (echo.margin_mm < 0)) & split
-    is_mixed = inside & (chance[0] < numbers["mixed_share"]) & _scanned(tube, echo.arc_mm)
+    is_mixed = inside & (chance[0] < numbers["mixed_share"]) & _scanned(scene.cable, echo.arc_mm)
     behind = jnp.where(is_mixed, (1 - on_cable) * numbers["mixed_depth_mm"] * chance[1], 0.0)
     kept = chance[2] < jax.nn.sigmoid((echo.cosine - numbers["dropout_cos"]) / numbers["dropout_width"])
     valid = (echo.hit & kept) | is_mixed
@@ -162,7 +161,7 @@ def measure(tube: Tube, beam: Beam, numbers: dict[str, Array], luck: Float[Array
     error = jnp.where(quantum > 0, counted, error)
     # the scanner believes its nominal direction, not the jittered one
     sideways = echo.range_mm * (beam.direction - tilted.direction)
-    return Return(echo.xyz_mm + sideways + error * beam.direction, valid, is_mixed, echo.angle)
+    return Return(echo.xyz_mm + sideways + error * beam.direction, valid, is_mixed, echo.angle, echo.part)
 
 
 def _tilt(beam: Beam, angles: Float[Array, " 2"]) -> Beam:
@@ -174,9 +173,9 @@ def _tilt(beam: Beam, angles: Float[Array, " 2"]) -> Beam:
     return beam._replace(direction=turned / jnp.linalg.norm(turned))
 
 
-def _scanned(tube: Tube, arc_mm: Float[Array, ""]) -> Bool[Array, ""]:
+def _scanned(cable: Cabling, arc_mm: Float[Array, ""]) -> Bool[Array, ""]:
     """Whether an arc length lies in the scanned length."""
-    return (arc_mm >= 0) & (arc_mm <= tube.length_mm)
+    return (arc_mm >= 0) & (arc_mm <= cable.length_mm)
 
 
 def gaussian(uniform: Float[Array, "*shape"]) -> Float[Array, "*shape"]:

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from cablejax.simulate.beams import gaussian
+from cablejax.simulate.clutter import bare
 from cablejax.simulate.pose import rotation_of
 from cablejax.simulate.presets import PRESETS, Scanner
 from cablejax.simulate.shapes import two_bends
@@ -88,7 +89,7 @@ def draw_cloud(
     low, high = limits["noise_mm"]
     # log-uniform; limits of 0 keep the 0 of a scanner without noise
     numbers = {**numbers, "range_mm": low * jnp.where(low > 0, high / jnp.where(low > 0, low, 1.0), 1.0) ** u[5]}
-    back = sweep_beams(tube, angles, arc, middle, numbers, keys[1], lines=lines, columns=columns)
+    back = sweep_beams(bare(tube), angles, arc, middle, numbers, keys[1], lines=lines, columns=columns)
     outliers = jnp.round(limits["outliers"] * u[6] * n_points).astype(jnp.int32)
     air = hang_in_air(tube, keys[2], count=n_points)
     rows = choose_rows(back, air, outliers, keys[3])

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from cablejax.simulate.scanner import Scan
-from cablejax.simulate.shapes import signed_distance
+from cablejax.simulate.surface import signed_distance
 
 Kind = Literal["gaussian", "random", "compound"]
 IMPULSE_SHARE = 0.05  # the paper does not say how many points its random noise hits

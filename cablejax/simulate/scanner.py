@@ -9,18 +9,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from cablejax.simulate.catalogue import Cable
-from cablejax.simulate.presets import numbers_of, scanner
-from cablejax.simulate.shapes import Tube, make_tube
+from cablejax.simulate.clutter import Cabling, Scene
+from cablejax.simulate.presets import Scanner, numbers_of, scanner
+from cablejax.simulate.scenes import make_scene
+from cablejax.simulate.surface import around, unit
 from cablejax.simulate.sweeps import choose_rows, hang_in_air, sweep_beams
 
 BEAMS_PER_POINT = (1.6, 3.2, 6.4, 12.8, 25.6)  # tried in turn, until enough beams come back
-
-
-class Part:
-    """Part labels of `Scan.part`."""
-
-    CABLE = 0
-    AIR = 1
 
 
 class Scan(NamedTuple):
@@ -28,16 +23,18 @@ class Scan(NamedTuple):
 
     Attributes:
         xyz_mm: Measured points `[n, 3]`.
-        signed_distance_mm: Distance of each measured point to the true surface `[n]`, negative inside.
+        signed_distance_mm: Distance of each measured point to the cable's true surface `[n]`, negative inside.
         is_outlier: True for points that hang in the air `[n]`.
         is_mixed: True for ranges averaged over the cable and what lies behind its silhouette `[n]`.
         is_impulse: True for points displaced by impulsive noise (`add_noise`) `[n]`.
-        part: `Part` label `[n]`.
-        station: Station of each point `[n]`.
+        part: `Part` label of what the beam met `[n]`.
+        station: Station of each point `[n]`; of a point in the air, that of a beam that it took the place of.
         true_diameter_mm: Outer diameter of the cable.
         shape: Name of the shape.
         preset: Name of the scanner preset.
-        surface: The true surface.
+        surface: The cable's true surface.
+        T_cable_station: Pose of each station `[s, 4, 4]`: x along the cable, z from the station to the cable; of a
+            travelling head, half-way.
     """
 
     xyz_mm: Float[Array, "n 3"]
@@ -50,20 +47,65 @@ class Scan(NamedTuple):
     true_diameter_mm: float
     shape: str
     preset: str
-    surface: Tube
+    surface: Cabling
+    T_cable_station: Float[Array, "s 4 4"]
 
 
 @partial(jax.jit, static_argnames=("lines", "columns", "n_points"))
-def _scan(tube, angles, arc, middle, numbers, outliers, key, *, lines, columns, n_points):
+def _scan(scene, angles, arc, middle, numbers, outliers, key, *, lines, columns, n_points):
     keys = jax.random.split(key, 3)
-    back = sweep_beams(tube, angles, arc, middle, numbers, keys[0], lines=lines, columns=columns)
-    rows = choose_rows(back, hang_in_air(tube, keys[1], count=n_points), outliers, keys[2])
-    return rows, jax.vmap(tube.signed_distance)(rows.xyz_mm)
+    back = sweep_beams(scene, angles, arc, middle, numbers, keys[0], lines=lines, columns=columns)
+    rows = choose_rows(back, hang_in_air(scene.cable, keys[1], count=n_points), outliers, keys[2])
+    return rows, jax.vmap(scene.cable.signed_distance)(rows.xyz_mm)
 
 
-def station_angles(stations: int, arc: float, middle: float) -> list[float]:
-    """Stations spread evenly over the part of the circumference that is to be seen, in radians."""
-    return [middle + arc * ((i + 0.5) / stations - 0.5) for i in range(stations)]
+def station_pose(cable: Cabling, angle: Float[Array, ""], standoff_mm: Float[Array, ""]) -> Float[Array, "4 4"]:
+    """Pose of a station that looks at the middle of the cable from `angle` around it."""
+    origin = around(cable.centreline, 0.5 * cable.length_mm, angle, standoff_mm)
+    middle, tangent = cable.centreline.at(0.5 * cable.length_mm)
+    x = jnp.concatenate([tangent, jnp.zeros(1)])
+    z = unit(jnp.concatenate([middle, jnp.zeros(1)]) - origin)
+    rotation = jnp.stack([x, jnp.cross(z, x), z], axis=1)
+    return jnp.eye(4).at[:3, :3].set(rotation).at[:3, 3].set(origin)
+
+
+def scan_scene(
+    scene: Scene, *, device: Scanner, n_points: int, arc_deg: float | int = 360.0, stations: int = 3,
+    outlier_fraction: float | int = 0.02, key: PRNGKeyArray,
+) -> Scan:  # fmt: skip
+    """Scan any scene with any scanner; `simulate_scan` does it by name and documents the arguments.
+
+    The result's `shape` and `preset` are "scene" and "scanner".
+
+    Raises:
+        ValueError: If an argument is out of range.
+    """
+    if n_points < 1:
+        raise ValueError(f"n_points: expected at least 1, got {n_points!r}")
+    if stations < 1:
+        raise ValueError(f"stations: expected at least 1, got {stations!r}")
+    if not 0 < arc_deg <= 360:
+        raise ValueError(f"arc_deg: expected above 0 and at most 360, got {arc_deg!r}")
+    if not 0 <= outlier_fraction < 1:
+        raise ValueError(f"outlier_fraction: expected at least 0 and below 1, got {outlier_fraction!r}")
+    arc, middle, cable = math.radians(arc_deg), math.pi / 2, scene.cable
+    angles = middle + arc * ((jnp.arange(stations) + 0.5) / stations - 0.5)
+    outliers = round(outlier_fraction * n_points)
+    for factor in BEAMS_PER_POINT:
+        lines, columns = raster_size(factor * n_points / stations, scene)
+        rows, distance = _scan(
+            scene, angles, jnp.float32(arc), jnp.float32(middle), numbers_of(device), jnp.int32(outliers), key,
+            lines=lines, columns=columns, n_points=n_points,
+        )  # fmt: skip
+        if not bool(rows.is_padding.any()):
+            break
+    else:
+        raise ValueError(f"arc_deg: {arc_deg!r} leaves too little of the cable to be seen")
+    poses = jax.vmap(station_pose, in_axes=(None, 0, None))(cable, angles, jnp.float32(device.standoff_mm))
+    return Scan(
+        rows.xyz_mm, distance, rows.is_outlier, rows.is_mixed, jnp.zeros_like(rows.is_outlier), rows.part,
+        rows.station, 2 * float(cable.radius_mm), "scene", "scanner", cable, poses,
+    )  # fmt: skip
 
 
 def simulate_scan(
@@ -85,7 +127,7 @@ def simulate_scan(
         cable: What is scanned.
         n_points: Rows of the result, exactly.
         preset: Name of the scanner, a key of `PRESETS`.
-        shape: Name of the shape, see `make_tube`.
+        shape: Name of the shape or scene, one of `SCENES`; see `make_tube` and `make_scene`.
         length_mm: Scanned length of the centreline.
         bend_radius_mm: See `make_tube`.
         arc_deg: How much of the circumference is seen, 360 for all of it.
@@ -103,37 +145,16 @@ def simulate_scan(
         >>> scan.xyz_mm.shape, int(scan.is_outlier.sum())
         ((500, 3), 50)
     """
-    if n_points < 1:
-        raise ValueError(f"n_points: expected at least 1, got {n_points!r}")
-    if stations < 1:
-        raise ValueError(f"stations: expected at least 1, got {stations!r}")
-    if not 0 < arc_deg <= 360:
-        raise ValueError(f"arc_deg: expected above 0 and at most 360, got {arc_deg!r}")
-    if not 0 <= outlier_fraction < 1:
-        raise ValueError(f"outlier_fraction: expected at least 0 and below 1, got {outlier_fraction!r}")
-    device = scanner(preset)
-    tube = make_tube(shape, diameter_mm=cable.diameter_mm, length_mm=length_mm, bend_radius_mm=bend_radius_mm)
-    arc = math.radians(arc_deg)
-    angles = jnp.asarray(station_angles(stations, arc, math.pi / 2), jnp.float32)
-    outliers = round(outlier_fraction * n_points)
-    for factor in BEAMS_PER_POINT:
-        lines, columns = raster_size(factor * n_points / stations, length_mm, cable.diameter_mm)
-        rows, distance = _scan(
-            tube, angles, jnp.float32(arc), jnp.float32(math.pi / 2), numbers_of(device), jnp.int32(outliers), key,
-            lines=lines, columns=columns, n_points=n_points,
-        )  # fmt: skip
-        if not bool(rows.is_padding.any()):
-            break
-    else:
-        raise ValueError(f"arc_deg: {arc_deg!r} leaves too little of the cable to be seen")
-    part = jnp.where(rows.is_outlier, Part.AIR, Part.CABLE).astype(jnp.int32)
-    return Scan(
-        rows.xyz_mm, distance, rows.is_outlier, rows.is_mixed,
-        jnp.zeros_like(rows.is_outlier), part, rows.station, cable.diameter_mm, shape, preset, tube,
+    scene = make_scene(shape, diameter_mm=cable.diameter_mm, length_mm=length_mm, bend_radius_mm=bend_radius_mm)
+    scan = scan_scene(
+        scene, device=scanner(preset), n_points=n_points, arc_deg=arc_deg, stations=stations,
+        outlier_fraction=outlier_fraction, key=key,
     )  # fmt: skip
+    return scan._replace(true_diameter_mm=cable.diameter_mm, shape=shape, preset=preset)
 
 
-def raster_size(beams: float, length_mm: float | int, diameter_mm: float) -> tuple[int, int]:
-    """Scan lines and columns that make square meshes of about that many beams over the cable's outline."""
-    columns = max(4, round(math.sqrt(beams * diameter_mm / length_mm)))
+def raster_size(beams: float, scene: Scene) -> tuple[int, int]:
+    """Scan lines and columns that make square meshes of about that many beams over the view of the cable."""
+    width = 2 * float(scene.cable.outline_mm + scene.view_mm)
+    columns = max(4, round(math.sqrt(beams * width / float(scene.cable.length_mm))))
     return math.ceil(beams / columns), columns

@@ -2,33 +2,16 @@
 
 from typing import Literal, NamedTuple, get_args
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from cablejax.simulate.centrelines import Catenary, Centreline, arc_chain
+from cablejax.simulate.surface import Part, SurfacePoint, around, label, tube_place
 
 Shape = Literal["straight", "bend", "s-bend", "catenary"]
+SHAPES: tuple[str, ...] = get_args(Shape)
 BEND_RADIUS_DIAMETERS = 15.0  # the usual least bend radius of an installed single-core cable
 SMALLEST_RADIUS_DIAMETERS = 2.0  # tighter, and the tube comes near to its own centre of curvature
-
-
-class SurfacePoint(NamedTuple):
-    """A query's relation to the surface.
-
-    Attributes:
-        signed_distance_mm: Distance to the nearest surface point `[]`, negative inside.
-        normal: Outward unit normal there `[3]`.
-        radius_mm: Local radius of the cross-section `[]`.
-        arc_mm: Arc length along the centreline `[]`.
-        angle: Angle around the centreline, radians from the in-plane normal towards z `[]`.
-    """
-
-    signed_distance_mm: Float[Array, ""]
-    normal: Float[Array, " 3"]
-    radius_mm: Float[Array, ""]
-    arc_mm: Float[Array, ""]
-    angle: Float[Array, ""]
 
 
 class Tube(NamedTuple):
@@ -44,30 +27,30 @@ class Tube(NamedTuple):
     radius_mm: Float[Array, ""]
     length_mm: Float[Array, ""]
 
+    @property
+    def outline_mm(self) -> Float[Array, ""]:
+        """Largest radius."""
+        return self.radius_mm
+
     def signed_distance(self, xyz: Float[Array, " 3"]) -> Float[Array, ""]:
         """Distance of a point to the surface in mm, negative inside: the distance to the centreline less the radius."""
         foot = self.centreline.foot(xyz)
         return jnp.sqrt(foot.normal_mm**2 + foot.height_mm**2) - self.radius_mm
 
+    def bound(self, xyz: Float[Array, " 3"]) -> Float[Array, ""]:
+        """A step that no beam can take too far; the signed distance itself."""
+        return self.signed_distance(xyz)
+
     def locate(self, xyz: Float[Array, " 3"]) -> SurfacePoint:
         """Signed distance, normal and place on the surface; on the centreline itself the normal is the in-plane one."""
-        foot = self.centreline.foot(xyz)
-        sq = foot.normal_mm**2 + foot.height_mm**2
-        rho = jnp.sqrt(sq)
-        inverse = jnp.where(sq > 0, 1 / jnp.where(sq > 0, rho, 1.0), 0.0)
-        cos = jnp.where(sq > 0, foot.normal_mm * inverse, 1.0)
-        sin = foot.height_mm * inverse
-        tx, ty = foot.tangent[0], foot.tangent[1]
-        normal = jnp.stack([-ty * cos, tx * cos, sin])
-        return SurfacePoint(rho - self.radius_mm, normal, self.radius_mm, foot.arc_mm, jnp.arctan2(sin, cos))
+        place = tube_place(self.centreline, xyz)
+        return SurfacePoint(
+            place.rho_mm - self.radius_mm, place.outward, self.radius_mm, place.arc_mm, place.angle, label(Part.CABLE)
+        )
 
     def point(self, arc_mm: Float[Array, ""], angle: Float[Array, ""]) -> Float[Array, " 3"]:
         """The surface point at an arc length and an angle around the centreline."""
-        centre, tangent = self.centreline.at(arc_mm)
-        across = self.radius_mm * jnp.cos(angle)
-        return jnp.stack(
-            [centre[0] - tangent[1] * across, centre[1] + tangent[0] * across, self.radius_mm * jnp.sin(angle)]
-        )
+        return around(self.centreline, arc_mm, angle, self.radius_mm)
 
 
 def make_tube(
@@ -92,8 +75,8 @@ def make_tube(
         >>> abs(float(tube.signed_distance(tube.point(jnp.array(200.0), jnp.array(1.0))))) < 1e-4
         True
     """
-    if shape not in get_args(Shape):
-        raise ValueError(f"shape: expected one of {', '.join(get_args(Shape))}, got {shape!r}")
+    if shape not in SHAPES:
+        raise ValueError(f"shape: expected one of {', '.join(SHAPES)}, got {shape!r}")
     if not diameter_mm > 0:
         raise ValueError(f"diameter_mm: expected a number above 0, got {diameter_mm!r}")
     if not length_mm > 0:
@@ -134,7 +117,3 @@ def _merge_ends(pieces):
     (tail, _), first, second, _ = pieces
     chain = arc_chain([first, second])
     return chain._replace(arc_mm=chain.arc_mm + tail)
-
-
-locate = jax.jit(jax.vmap(Tube.locate, in_axes=(None, 0)))
-signed_distance = jax.jit(jax.vmap(Tube.signed_distance, in_axes=(None, 0)))

@@ -7,7 +7,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from cablejax.simulate.beams import aim, gaussian, measure
-from cablejax.simulate.shapes import Tube
+from cablejax.simulate.clutter import Cabling, Scene
+from cablejax.simulate.surface import Part, around
 
 RESWEPT_WINDOW = 0.25  # share of the length that the repeated sweep covers
 
@@ -71,16 +72,17 @@ class Returns(NamedTuple):
     valid: Bool[Array, " m"]
     is_mixed: Bool[Array, " m"]
     station: Int[Array, " m"]
+    part: Int[Array, " m"]
 
 
 def sweep_beams(
-    tube: Tube, angles: Float[Array, " s"], arc: Float[Array, ""], middle: Float[Array, ""],
+    scene: Scene, angles: Float[Array, " s"], arc: Float[Array, ""], middle: Float[Array, ""],
     numbers: dict[str, Array], key: PRNGKeyArray, *, lines: int, columns: int,
 ) -> Returns:  # fmt: skip
     """Send out every beam of every station.
 
     Args:
-        tube: The cable.
+        scene: The cable and what stands around it.
         angles: Direction of each station around the cable, radians.
         arc: Part of the circumference that is seen, radians, 2 pi for all.
         middle: Angle of the middle of that part.
@@ -89,32 +91,35 @@ def sweep_beams(
         lines: Scan lines a station. Static.
         columns: Beams a line. Static.
     """
-    stations, beams = angles.shape[0], angles.shape[0] * lines * columns
+    cable, stations = scene.cable, angles.shape[0]
+    beams = stations * lines * columns
     # one draw for everything: each call of the generator costs about a second to compile
     sizes = (stations * (4 + lines), 6 * beams, 6 * stations)
     draws = jnp.split(jax.random.uniform(key, (sum(sizes),)), (sizes[0], sizes[0] + sizes[1]))
     plan = raster(
-        tube.length_mm, numbers["density_variation"], numbers["resweep_share"],
+        cable.length_mm, numbers["density_variation"], numbers["resweep_share"],
         draws[0].reshape(stations, 4 + lines), columns=columns,
     )  # fmt: skip
-    head = jnp.where(numbers["moving_head"] > 0, plan.arc_mm, 0.5 * tube.length_mm)
-    spread = 3 * numbers["footprint_mm"]
+    head = jnp.where(numbers["moving_head"] > 0, plan.arc_mm, 0.5 * cable.length_mm)
+    spread = 3 * numbers["footprint_mm"] + scene.view_mm
     rays = jax.vmap(aim, in_axes=(None, 0, 0, 0, 0, None, None))(
-        tube, head, plan.arc_mm, plan.across, angles[plan.station], numbers["standoff_mm"], spread
+        cable, head, plan.arc_mm, plan.across, angles[plan.station], numbers["standoff_mm"], spread
     )
-    back = jax.vmap(measure, in_axes=(None, 0, None, 0))(tube, rays, numbers, draws[1].reshape(beams, 6))
+    back = jax.vmap(measure, in_axes=(None, 0, None, 0))(scene, rays, numbers, draws[1].reshape(beams, 6))
     off = back.angle - middle
     seen = jnp.abs(jnp.arctan2(jnp.sin(off), jnp.cos(off))) <= 0.5 * arc
     shift = numbers["registration_mm"] * gaussian(draws[2]).reshape(stations, 2, 3)
-    return Returns(back.xyz_mm + shift[plan.station, plan.sweep], back.valid & seen, back.is_mixed, plan.station)
+    return Returns(
+        back.xyz_mm + shift[plan.station, plan.sweep], back.valid & seen, back.is_mixed, plan.station, back.part
+    )
 
 
-def hang_in_air(tube: Tube, key: PRNGKeyArray, *, count: int) -> Float[Array, "count 3"]:
+def hang_in_air(cable: Cabling, key: PRNGKeyArray, *, count: int) -> Float[Array, "count 3"]:
     """Dust and stray echoes: anywhere along and around the cable, 2 mm off the surface plus an exponential of 15 mm."""
-    along, around, off = jax.random.uniform(key, (3, count))
+    along, turn, off = jax.random.uniform(key, (3, count))
     height = 2.0 - 15.0 * jnp.log1p(-off)
-    place = jax.vmap(lambda s, a, h: tube._replace(radius_mm=tube.radius_mm + h).point(s, a))
-    return place(tube.length_mm * along, 2 * jnp.pi * around, height)
+    place = jax.vmap(around, in_axes=(None, 0, 0, 0))
+    return place(cable.centreline, cable.length_mm * along, 2 * jnp.pi * turn, cable.outline_mm + height)
 
 
 class Rows(NamedTuple):
@@ -125,6 +130,7 @@ class Rows(NamedTuple):
         is_outlier: `[n]`.
         is_mixed: `[n]`.
         station: `[n]`.
+        part: `Part` label `[n]`.
         is_padding: True for rows that too few returns left empty `[n]`.
     """
 
@@ -132,6 +138,7 @@ class Rows(NamedTuple):
     is_outlier: Bool[Array, " n"]
     is_mixed: Bool[Array, " n"]
     station: Int[Array, " n"]
+    part: Int[Array, " n"]
     is_padding: Bool[Array, " n"]
 
 
@@ -160,5 +167,6 @@ def choose_rows(back: Returns, air: Float[Array, "n 3"], outliers: Int[Array, ""
         outlier,
         back.is_mixed[source] & ~outlier,
         back.station[source],
+        jnp.where(outlier, Part.AIR, back.part[source]),
         ~outlier & (rank >= jnp.sum(drawn)),
     )
