@@ -8,8 +8,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from cablejax.ops.neighbors_brute import count_brute, knn_brute
-from cablejax.ops.neighbors_search import in_order
-from cablejax.ops.neighbors_search import search as tree_search
+from cablejax.ops.neighbors_rank import in_order
+from cablejax.ops.neighbors_search import search
 from cablejax.ops.neighbors_tree import build, depth_for
 from cablejax.types import Status
 
@@ -80,15 +80,15 @@ def knn(
     """
     if k < 1:
         raise ValueError(f"k: expected at least 1, got {k}")
-    search = _prepare(xyz, queries, mask, include_self)
+    cloud = _prepare(xyz, queries, mask, include_self)
     if xyz.shape[1] == 3 and xyz.shape[0] > BRUTE_POINTS:
-        neighbors = _tree_knn(search, queries is None, include_self, k)
+        neighbors = _tree_knn(cloud, queries is None, include_self, k)
     else:
-        neighbors, _ = knn_brute(search.queries, search.xyz, search.valid, search.skip, k=k)
-    neighbors = jnp.where(search.asked[:, None] & search.finite[:, None], neighbors, -1)
+        neighbors, _ = knn_brute(cloud.queries, cloud.xyz, cloud.valid, cloud.skip, k=k)
+    neighbors = jnp.where(cloud.asked[:, None] & cloud.finite[:, None], neighbors, -1)
     sq_dist = _measure(xyz, xyz if queries is None else queries, neighbors)
-    few = search.asked & (neighbors[:, -1] < 0)
-    status = few * int(Status.TOO_FEW_NEIGHBORS) | (search.asked & ~search.finite) * int(Status.NOT_FINITE)
+    few = cloud.asked & cloud.finite & (neighbors[:, -1] < 0)
+    status = few * int(Status.TOO_FEW_NEIGHBORS) | (cloud.asked & ~cloud.finite) * int(Status.NOT_FINITE)
     return KnnResult(neighbors, sq_dist, status.astype(jnp.int32))
 
 
@@ -143,20 +143,21 @@ def radius_count(
     include_self: bool = False,
 ) -> Int[Array, " q"]:
     """Count the points within a radius of each query, distance <= radius; arguments as `radius_search`."""
-    search = _prepare(xyz, queries, mask, include_self)
+    cloud = _prepare(xyz, queries, mask, include_self)
     square_radius = jnp.square(jnp.asarray(radius, dtype=xyz.dtype))
-    count = count_brute(search.queries, search.xyz, search.valid, search.skip, square_radius)
-    return jnp.where(search.asked & search.finite, count, 0)
+    count = count_brute(cloud.queries, cloud.xyz, cloud.valid, cloud.skip, square_radius)
+    return jnp.where(cloud.asked & cloud.finite, count, 0)
 
 
-def _tree_knn(search: "_Search", own: bool, include_self: bool, k: int) -> Array:
+def _tree_knn(cloud: "_Search", own: bool, include_self: bool, k: int) -> Array:
     """Neighbours `[q, k]` by the tree; queries that are not the points get a tree of their own."""
-    depth = depth_for(search.xyz.shape[0])
-    tree = build(search.xyz, search.valid, depth=depth)
-    targets = tree if own else build(search.queries, search.asked & search.finite, depth=depth)
-    (found,) = tree_search(tree, targets, own and not include_self, k=k, finish=lambda ranked: in_order(ranked, k)[:1])
+    depth = depth_for(cloud.xyz.shape[0])
+    tree = build(cloud.xyz, cloud.valid, depth=depth)
+    targets = tree if own else build(cloud.queries, cloud.asked & cloud.finite, depth=depth)
+    first = partial(in_order, k=k)
+    found, _ = search(cloud.xyz, tree, targets, k=k, include_self=include_self or not own, finish=first)
     row = targets.row.reshape(-1)
-    q = search.queries.shape[0]
+    q = cloud.queries.shape[0]
     place = jnp.zeros(q, dtype=jnp.int32).at[jnp.where(row < 0, q, row)].set(jnp.arange(row.size), mode="drop")
     return found[place]
 

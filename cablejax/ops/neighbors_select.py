@@ -1,7 +1,7 @@
 """Select the smallest of many scores per row without sorting: narrow a threshold by counting, then read the winners' bits.
 
-Sorting and top-k are slow on a CPU and hard to vectorise; counting `score <= threshold` is one fused pass at memory speed. As
-scores of points on a surface grow nearly linearly in rank, three or four passes of three thresholds each settle most rows.
+Sorting and top-k are slow on a CPU and resist vectors; counting scores at or below a threshold is one fused pass. As the
+scores of points on a surface grow nearly linearly in rank, three or four passes of three thresholds settle most rows.
 Scores come as `[..., w, 32]`, 32 to a word.
 """
 
@@ -36,6 +36,7 @@ def narrow(
     most: int,
     guess: Float[Array, "..."],
     cap: Float[Array, "..."],
+    active: Bool[Array, "..."],
     rounds: int = 10,
 ) -> Threshold:
     """Find thresholds that select between `least` and `most` scores of each row.
@@ -45,8 +46,9 @@ def narrow(
         operands: What `score` is made from.
         least: Smallest count wanted. Static.
         most: Largest count accepted. Static.
-        guess: Where to look first `[...]`.
+        guess: Where to look first, above zero `[...]`.
         cap: No threshold above this is needed `[...]`; it is taken if at most `most` scores lie below it.
+        active: Rows that matter `[...]`; others never keep the loop going.
         rounds: Passes at most. Static.
 
     Returns:
@@ -59,19 +61,7 @@ def narrow(
 
     def once(state: tuple) -> tuple:
         step, settled, value, low, low_count, high, high_count = state
-        open_above = high >= LARGEST
-        share = (aim - low_count) / jnp.maximum(high_count - low_count, 1)
-        middle = low + jnp.where(open_above, low, (high - low) * share)
-        # Between scales, where interpolation would creep: the mean of the float's bits, nearly the geometric mean.
-        bits = [lax.bitcast_convert_type(jnp.maximum(edge, high * 2.0**-24), jnp.int32) for edge in (low, high)]
-        geometric = lax.bitcast_convert_type((bits[0] >> 1) + (bits[1] >> 1), jnp.float32)
-        spread = jnp.where(step % 2 == 1, middle + (high - middle) * 0.3, geometric)
-        first = step == 0
-        trials = (
-            jnp.where(first, cap, jnp.minimum(middle, cap)),
-            jnp.where(first, guess, jnp.where(open_above, low * 4.0, low + (middle - low) * 0.7)),
-            jnp.where(first, guess * 1.5, jnp.where(open_above, low * 16.0, spread)),
-        )
+        trials = _trials(step, guess, cap, low, low_count, high, high_count, aim)
         # The barrier ties the scores to this round: XLA would otherwise hoist them out of the loop, into memory.
         now, trials = lax.optimization_barrier((operands, trials))
         for trial, count in zip(trials, _count(score(now), trials), strict=True):
@@ -86,7 +76,7 @@ def narrow(
 
     zero = jnp.zeros_like(guess)
     none = jnp.zeros(guess.shape, dtype=jnp.int32)
-    start = (jnp.int32(0), none > 0, zero, zero, none, zero + LARGEST, none + most + 1)
+    start = (jnp.int32(0), ~active, zero, zero, none, zero + LARGEST, none + most + 1)
     _, settled, value, low, low_count, high, _ = lax.while_loop(unsettled, once, start)
     some = low_count > 0
     return Threshold(jnp.where(settled, value, jnp.where(some, low, high)), settled | some)
@@ -95,20 +85,21 @@ def narrow(
 def selected(score: Float[Array, "... w 32"], threshold: Float[Array, "..."]) -> UInt[Array, "... w"]:
     """One bit per score, set where score <= threshold."""
     hit = (score <= threshold[..., None, None]).astype(jnp.uint32)
-    return jnp.sum(hit << jnp.arange(WORD, dtype=jnp.uint32), axis=-1)
+    return jnp.sum(hit << _ramp(score.ndim, WORD, jnp.uint32), axis=-1)
 
 
 def columns(words: UInt[Array, "... w"], m: int) -> Int[Array, "... m"]:
     """Column numbers of the first `m` set bits of each row, ascending; -1 where there are fewer."""
+    ndim, w = words.ndim, words.shape[-1]
     count = lax.population_count(words).astype(jnp.int32)
-    before = jnp.arange(words.shape[-1])[:, None] > jnp.arange(words.shape[-1])
-    start = jnp.sum(jnp.where(before, count[..., None, :], 0), axis=-1)
+    earlier = (jnp.arange(w)[:, None] > jnp.arange(w)[None, :]).reshape((1,) * (ndim - 1) + (w, w))
+    start = jnp.sum(jnp.where(earlier, count[..., None, :], 0), axis=-1)
     end = start + count
-    nth = jnp.arange(m, dtype=jnp.int32)
-    holds = (start[..., None, :] <= nth[:, None]) & (nth[:, None] < end[..., None, :])
+    nth = _ramp(ndim, m)
+    holds = (start[..., None, :] <= nth[..., None]) & (nth[..., None] < end[..., None, :])
     word = jnp.sum(jnp.where(holds, words[..., None, :], 0), axis=-1, dtype=jnp.uint32)
     rank = nth - jnp.sum(jnp.where(holds, start[..., None, :], 0), axis=-1)
-    column = WORD * jnp.sum(jnp.where(holds, jnp.arange(words.shape[-1], dtype=jnp.int32), 0), axis=-1)
+    column = WORD * jnp.sum(jnp.where(holds, _ramp(ndim + 1, w), 0), axis=-1)
     for half in (16, 8, 4, 2, 1):
         low = word & jnp.uint32((1 << half) - 1)
         skipped = lax.population_count(low).astype(jnp.int32)
@@ -119,11 +110,31 @@ def columns(words: UInt[Array, "... w"], m: int) -> Int[Array, "... m"]:
     return jnp.where(nth < end[..., -1:], column, -1)
 
 
+def _trials(step, guess, cap, low, low_count, high, high_count, aim) -> tuple[Array, Array, Array]:
+    """Three thresholds to count at: around the guess, then outwards, then within the bracket."""
+    start = (guess * 0.7, guess * 1.05, guess * 1.55)
+    outward = (low * 1.5, low * 4.0, cap)
+    middle = low + (high - low) * ((aim - low_count) / jnp.maximum(high_count - low_count, 1))
+    # Between scales, where interpolation would creep: the mean of the floats' bits is nearly the geometric mean.
+    bits = [lax.bitcast_convert_type(jnp.maximum(edge, high * 2.0**-24), jnp.int32) for edge in (low, high)]
+    geometric = lax.bitcast_convert_type((bits[0] >> 1) + (bits[1] >> 1), jnp.float32)
+    other = jnp.where(step % 2 == 1, middle + (high - middle) * 0.3, geometric)
+    inward = (middle, low + (middle - low) * 0.7, other)
+    later = [jnp.where(high >= LARGEST, o, i) for o, i in zip(outward, inward, strict=True)]
+    trials = [jnp.minimum(jnp.where(step == 0, s, t), cap) for s, t in zip(start, later, strict=True)]
+    return trials[0], trials[1], trials[2]
+
+
 def _count(score: Array, trials: tuple[Array, Array, Array]) -> tuple[Array, ...]:
     """How many scores of each row lie at or below each of three thresholds: one pass, three counters of ten bits."""
-    hits = sum((score <= t[..., None, None]).astype(jnp.int32) << (10 * i) for i, t in enumerate(trials))
-    per_word = jnp.sum(hits, axis=-1)
+    hits = [(score <= t[..., None, None]).astype(jnp.int32) << (10 * i) for i, t in enumerate(trials)]
+    per_word = jnp.sum(hits[0] + hits[1] + hits[2], axis=-1)
     if score.shape[-2] * WORD < 1 << 10:
         per_word = jnp.sum(per_word, axis=-1)
         return tuple((per_word >> (10 * i)) & 1023 for i in range(3))
     return tuple(jnp.sum((per_word >> (10 * i)) & 1023, axis=-1) for i in range(3))
+
+
+def _ramp(ndim: int, size: int, dtype=jnp.int32) -> Array:
+    """0, 1, ... along the last of `ndim` axes."""
+    return jnp.arange(size, dtype=dtype).reshape((1,) * (ndim - 1) + (size,))

@@ -1,4 +1,8 @@
-"""A balanced tree of boxes over a cloud: rows sorted into leaves of 16, by equal splits along each node's longest side."""
+"""A balanced tree of boxes over a cloud: rows sorted into leaves of 16, by equal splits along each node's longest side.
+
+A scanner's stray points would stretch the box of every leaf they fall into and make it everybody's neighbour. So points
+far from the median of their leaf are taken out and sorted into leaves of their own, below one more child of the root.
+"""
 
 import math
 from typing import NamedTuple
@@ -9,6 +13,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 LEAF = 16  # points per leaf: two leaves fill a word of 32 candidates
 SPLIT = 16  # children per node, at most, where the depth is free
+STRAY = 12.0  # a stray's squared distance from its leaf's median point, in units of the leaf's median
 
 
 class Boxes(NamedTuple):
@@ -22,12 +27,16 @@ class Boxes(NamedTuple):
     lower: Float[Array, "3 nodes"]
     upper: Float[Array, "3 nodes"]
 
+    def sides(self) -> Float[Array, "3 nodes"]:
+        """Side lengths, zero for empty boxes."""
+        return jnp.where(self.upper > self.lower, self.upper - self.lower, 0.0)
+
 
 class Tree(NamedTuple):
     """A cloud in leaf order.
 
     Attributes:
-        xyz: Coordinates `[3, leaves, 16]`; whatever stands in the holes.
+        xyz: Coordinates `[3, leaves, 16]`; anything in the holes.
         row: Row of each place in the cloud `[leaves, 16]` int32, -1 in holes.
         levels: Boxes from the root's children down to the leaves; children of a node are consecutive.
     """
@@ -43,23 +52,29 @@ def depth_for(n: int) -> int:
 
 
 def build(xyz: Float[Array, "n 3"], valid: Bool[Array, " n"], *, depth: int) -> Tree:
-    """Sort a cloud into leaves by `depth` rounds of equal splits; invalid rows become holes in the last leaves.
+    """Sort a cloud into leaves by `depth` rounds of equal splits; invalid rows become holes.
 
-    The splits need not be exact, as the boxes are measured from the points: each round sorts one 32-bit word per point, the
+    The splits need not be exact, as boxes are measured from the points: each round sorts one 32-bit word per point, the
     coordinate's leading bits above the place, which is six times faster than sorting pairs.
     """
     n = xyz.shape[0]
     splits = _splits(-(-n // LEAF), depth)
     size = math.prod(splits) * LEAF
     rows = jnp.pad(jnp.where(valid, jnp.arange(n, dtype=jnp.int32), -1), (0, size - n), constant_values=-1)
-    points = jnp.pad(xyz, ((0, size - n), (0, 0))).T
-    nodes = 1
-    for split in splits:
-        place = _sorted_places(points.reshape(3, nodes, -1), rows.reshape(nodes, -1) >= 0)
-        points, rows = points[:, place], rows[place]
-        nodes *= split
-    points, rows = points.reshape(3, nodes, LEAF), rows.reshape(nodes, LEAF)
-    return Tree(points, rows, _levels(points, rows >= 0, splits))
+    points, rows = _sort(jnp.pad(xyz, ((0, size - n), (0, 0))).T, rows, splits)
+    stray = _strays(points, rows >= 0)
+    few = size // splits[0]
+    own = jnp.nonzero(stray.reshape(-1), size=few, fill_value=-1)[0]
+    taken = jnp.zeros(size, dtype=bool).at[jnp.where(own < 0, size, own)].set(True, mode="drop").reshape(rows.shape)
+    stray_rows = jnp.where(own < 0, -1, rows.reshape(-1)[own])
+    stray_points, stray_rows = _sort(points.reshape(3, -1)[:, own], stray_rows, [1, *splits[1:]])
+    rows = jnp.where(taken, -1, rows)
+    trunk, branch = _levels(points, rows >= 0, splits), _levels(stray_points, stray_rows >= 0, [1, *splits[1:]])
+    levels = [
+        Boxes(*(jnp.concatenate(side, axis=1) for side in zip(*pair, strict=True)))
+        for pair in zip(trunk, branch, strict=True)
+    ]
+    return Tree(jnp.concatenate([points, stray_points], axis=1), jnp.concatenate([rows, stray_rows]), tuple(levels))
 
 
 def _splits(leaves: int, depth: int) -> list[int]:
@@ -71,15 +86,24 @@ def _splits(leaves: int, depth: int) -> list[int]:
     return splits
 
 
+def _sort(points: Float[Array, "3 m"], rows: Int[Array, " m"], splits: list[int]) -> tuple[Array, Array]:
+    """Split nodes again and again; points `[3, leaves, 16]` and their rows `[leaves, 16]`."""
+    nodes = 1
+    for split in splits:
+        if split > 1:
+            place = _sorted_places(points.reshape(3, nodes, -1), rows.reshape(nodes, -1) >= 0)
+            points, rows = points[:, place], rows[place]
+        nodes *= split
+    return points.reshape(3, nodes, LEAF), rows.reshape(nodes, LEAF)
+
+
 def _sorted_places(points: Float[Array, "3 nodes m"], valid: Bool[Array, "nodes m"]) -> Int[Array, " size"]:
     """Places in the order of each node's longest side, holes last."""
     nodes, m = valid.shape
-    lower = jnp.min(jnp.where(valid, points, jnp.inf), axis=2)
-    upper = jnp.max(jnp.where(valid, points, -jnp.inf), axis=2)
-    side = jnp.where(upper > lower, upper - lower, 0.0)
-    axis = jnp.argmax(side, axis=0)
-    pick = jnp.arange(3)[:, None] == axis
-    start = jnp.sum(jnp.where(pick, jnp.where(side > 0, lower, 0.0), 0.0), axis=0)
+    box = _boxes(points, valid)
+    side = box.sides()
+    pick = jnp.arange(3)[:, None] == jnp.argmax(side, axis=0)[None, :]
+    start = jnp.sum(jnp.where(pick & (side > 0), box.lower, 0.0), axis=0)
     length = jnp.sum(jnp.where(pick, side, 0.0), axis=0)
     along = jnp.sum(jnp.where(pick[:, :, None], points, 0.0), axis=0)
     place_bits = max(1, (m - 1).bit_length())
@@ -87,18 +111,38 @@ def _sorted_places(points: Float[Array, "3 nodes m"], valid: Bool[Array, "nodes 
     scale = jnp.where(length > 0, top / jnp.where(length > 0, length, 1.0), 0.0)
     cell = jnp.clip((along - start[:, None]) * scale[:, None], 0, top).astype(jnp.uint32)
     cell = jnp.where(valid, jnp.minimum(cell, jnp.uint32(top)), jnp.uint32(top + 1))
-    packed = (cell << place_bits) | jnp.arange(m, dtype=jnp.uint32)
+    packed = (cell << place_bits) | jnp.arange(m, dtype=jnp.uint32)[None, :]
     place = (lax.sort(packed, dimension=1) & jnp.uint32(2**place_bits - 1)).astype(jnp.int32)
     return (place + jnp.arange(nodes, dtype=jnp.int32)[:, None] * m).reshape(-1)
 
 
-def _levels(points: Array, valid: Array, splits: list[int]) -> tuple[Boxes, ...]:
+def _strays(points: Float[Array, "3 leaves 16"], valid: Bool[Array, "leaves 16"]) -> Bool[Array, "leaves 16"]:
+    """Points much farther from the median point of their leaf than half of the leaf is."""
+    half = (jnp.sum(valid, axis=1) - 1) // 2
+    centre = jnp.stack([_nth(axis, valid, half) for axis in points])
+    sq_dist = jnp.square(points - centre[:, :, None]).sum(axis=0)
+    return valid & (sq_dist > STRAY * _nth(sq_dist, valid, half)[:, None])
+
+
+def _nth(values: Float[Array, "leaves 16"], valid: Bool[Array, "leaves 16"], n: Int[Array, " leaves"]) -> Array:
+    """The n-th smallest valid value of each row, by counting."""
+    values = jnp.where(valid, values, jnp.inf)
+    earlier = jnp.arange(LEAF)[None, :] < jnp.arange(LEAF)[:, None]
+    near, far = values[:, None, :], values[:, :, None]
+    rank = jnp.sum((near < far) | ((near == far) & earlier[None]), axis=2)
+    return jnp.sum(jnp.where(rank == n[:, None], jnp.where(valid, values, 0.0), 0.0), axis=1)
+
+
+def _boxes(points: Float[Array, "3 nodes m"], valid: Bool[Array, "nodes m"]) -> Boxes:
+    """Boxes of the valid points of each node."""
+    lower = jnp.min(jnp.where(valid[None], points, jnp.inf), axis=2)
+    return Boxes(lower, jnp.max(jnp.where(valid[None], points, -jnp.inf), axis=2))
+
+
+def _levels(points: Array, valid: Array, splits: list[int]) -> list[Boxes]:
     """Boxes of every level, root's children first."""
-    lower = jnp.min(jnp.where(valid, points, jnp.inf), axis=2)
-    upper = jnp.max(jnp.where(valid, points, -jnp.inf), axis=2)
-    levels = [Boxes(lower, upper)]
+    levels = [_boxes(points, valid)]
     for split in reversed(splits[1:]):
-        lower = lower.reshape(3, -1, split).min(axis=2)
-        upper = upper.reshape(3, -1, split).max(axis=2)
-        levels.append(Boxes(lower, upper))
-    return tuple(reversed(levels))
+        lower, upper = levels[-1]
+        levels.append(Boxes(lower.reshape(3, -1, split).min(axis=2), upper.reshape(3, -1, split).max(axis=2)))
+    return levels[::-1]

@@ -1,0 +1,125 @@
+"""Measure and rank the candidates of blocks of queries, and say which rows are proven."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Bool, Float, Int
+
+from cablejax.ops.neighbors_descent import Near
+from cablejax.ops.neighbors_select import LARGEST, WORD, columns, narrow, selected
+from cablejax.ops.neighbors_tree import LEAF, Tree
+
+SURE = 1.0 - 1e-6  # below this share of a bound, rounding of a squared distance measured in two ways does not matter
+
+
+class Ranked(NamedTuple):
+    """Candidates of each query, unordered, with their rank.
+
+    Attributes:
+        row: Row of each candidate in the cloud `[q, s]` int32, -1 where there is none.
+        sq_dist: Squared distance `[q, s]`, inf where there is none.
+        rank: Place in the order by distance, then row `[q, s]` int32; unique among candidates.
+    """
+
+    row: Int[Array, "q s"]
+    sq_dist: Float[Array, "q s"]
+    rank: Int[Array, "q s"]
+
+
+class Verdict(NamedTuple):
+    """What is known about each query.
+
+    Attributes:
+        proven: True where the k nearest of all points are among the candidates `[q]`.
+        reach: Squared distance within which k neighbours are known `[q]`; LARGEST where fewer are.
+    """
+
+    proven: Bool[Array, " q"]
+    reach: Float[Array, " q"]
+
+
+def slots_for(k: int) -> int:
+    """Candidates measured exactly for k neighbours: room for the point itself, near ties, and a quick threshold."""
+    return -(-(k + 9 + k // 8) // 4) * 4
+
+
+def rank_blocks(
+    tree: Tree,
+    xyz: Float[Array, "3 b q"],
+    own_row: Int[Array, "b q"],
+    near: Near,
+    guess: Float[Array, "b q"],
+    reach: Float[Array, "b q"],
+    *,
+    k: int,
+) -> tuple[Ranked, Verdict]:
+    """Rank the candidates of b blocks of q queries that share their leaves.
+
+    Args:
+        tree: The points searched.
+        xyz: Queries `[3, b, q]`.
+        own_row: Row that a query must not find `[b, q]`, -1 for none, -2 where there is no query.
+        near: Leaves of each block, an even number.
+        guess: Squared distance at which about k points are expected `[b, q]`.
+        reach: Squared distance beyond which none is wanted `[b, q]`; LARGEST for no limit.
+        k: Neighbours wanted. Static.
+
+    Returns:
+        Ranked candidates and verdicts, one row per query.
+    """
+    blocks, slots = own_row.shape[0], slots_for(k)
+    leaf = jnp.maximum(near.node, 0)
+    there = (tree.row[leaf] >= 0) & (near.node >= 0)[:, :, None]
+    candidates = jnp.where(there[None], tree.xyz[:, leaf], jnp.inf).reshape(3, blocks, 1, -1, WORD)
+
+    def score(queries: Array) -> Array:
+        return _square_sum(queries[:, :, :, None, None] - candidates)
+
+    least = min(k + 1, candidates.shape[3] * WORD)
+    found = narrow(score, xyz, least=least, most=slots, guess=guess, cap=reach, active=own_row > -2)
+    column = columns(selected(score(xyz), found.value), slots)
+    place = _places(leaf, jnp.maximum(column, 0)).reshape(-1, slots)
+    other = tree.row.reshape(-1).at[place].get(mode="promise_in_bounds")
+    real = (column.reshape(-1, slots) >= 0) & (other != own_row.reshape(-1, 1))
+    flat = tree.xyz.reshape(3, -1)
+    points = jnp.stack([axis.at[place].get(mode="promise_in_bounds") for axis in flat])
+    sq_dist = jnp.where(real, _square_sum(xyz.reshape(3, -1, 1) - points), jnp.inf)
+    ranked = rank(jnp.where(real, other, -1), sq_dist)
+    last = jnp.min(jnp.where(ranked.rank == k - 1, sq_dist, jnp.inf), axis=1)
+    value, complete = found.value.reshape(-1), found.complete.reshape(-1)
+    bound = jnp.repeat(near.bound, own_row.shape[1])
+    inside = complete & ((last <= value * SURE) | (value >= LARGEST))
+    proven = inside & ((last < bound * SURE) | (bound >= LARGEST))
+    return ranked, Verdict(proven | (own_row.reshape(-1) == -2), jnp.minimum(last, LARGEST))
+
+
+def rank(row: Int[Array, "q s"], sq_dist: Float[Array, "q s"]) -> Ranked:
+    """Order candidates by distance, then row, by counting those that come before; faster than sorting short rows."""
+    bits = lax.bitcast_convert_type(sq_dist, jnp.int32)  # in the order of the floats, as none of them is negative
+    lower_row = (row[:, None, :] < row[:, :, None]).astype(jnp.int32)
+    before = (bits[:, None, :] - bits[:, :, None] - lower_row) < 0
+    return Ranked(row, sq_dist, jnp.sum(before, axis=2, dtype=jnp.int32))
+
+
+def in_order(ranked: Ranked, k: int) -> tuple[Int[Array, "q k"], Float[Array, "q k"]]:
+    """The k first candidates in order: rows, -1 where there are fewer, and squared distances, inf there."""
+    place = ranked.rank[:, None, :] == jnp.arange(k)[None, :, None]
+    place = place & (ranked.row >= 0)[:, None, :]
+    row = jnp.sum(jnp.where(place, ranked.row[:, None, :] + 1, 0), axis=2) - 1
+    # Summed as whole numbers, which may be added in any order: XLA vectorises that, and only one term is not zero.
+    bits = lax.bitcast_convert_type(ranked.sq_dist, jnp.int32)
+    sq_dist = lax.bitcast_convert_type(jnp.sum(jnp.where(place, bits[:, None, :], 0), axis=2), jnp.float32)
+    return row, jnp.where(row >= 0, sq_dist, jnp.inf)
+
+
+def _places(leaf: Int[Array, "b m"], column: Int[Array, "b q s"]) -> Int[Array, "b q s"]:
+    """Places in leaf order of the candidates in given columns of their block."""
+    first = jnp.arange(leaf.shape[0])[:, None, None] * leaf.shape[1]
+    owner = leaf.reshape(-1).at[first + column // LEAF].get(mode="promise_in_bounds")
+    return owner * LEAF + column % LEAF
+
+
+def _square_sum(difference: Float[Array, "3 ..."]) -> Float[Array, "..."]:
+    """Squared length, summed in the order x, y, z."""
+    return jnp.square(difference[0]) + jnp.square(difference[1]) + jnp.square(difference[2])
