@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
-from cablejax.measure.candidates import Find
+from cablejax.measure.candidates import Find, share
 from cablejax.measure.errors import MeasureError
 from cablejax.measure.result import CableMeasurement
 
@@ -73,9 +73,10 @@ def warnings_about(result: CableMeasurement, find: Find, *, oval_arc_deg: float)
             f"Only {result.arc_deg:.0f} degrees of the circumference were seen: the section is taken to be round, "
             "and an oval one would not show."
         )
-    if len(find.walks) > 1:
-        first, second = find.walks[:2]
-        if second.length_mm > 0.3 * first.length_mm and 0.5 < second.radius_mm / first.radius_mm < 2:
+    for second in find.walks[1:]:
+        first = find.walks[0]
+        alike = 0.5 < second.radius_mm / first.radius_mm < 2 and second.length_mm > 0.3 * first.length_mm
+        if alike and share(second, first) < 0.1:
             out.append(
                 f"A second cable was found, of about {2 * second.radius_mm:.3g} mm over {second.length_mm:.4g} mm: the "
                 "longer and better one was measured. Cut the scan to measure the other."

@@ -15,11 +15,13 @@ from cablejax.measure.candidates import Find, find_cables
 from cablejax.measure.errors import MeasureError
 from cablejax.measure.fit import CableFit, fit_cable
 from cablejax.measure.nominal import nominal_probabilities, verdict
+from cablejax.measure.planes import Plane
 from cablejax.measure.result import CableMeasurement
 from cablejax.measure.sections import Oval, Sections, cut, oval
 from cablejax.measure.walk import Walk
 from cablejax.types import PointCloud
 
+MIN_ON_CABLE = 30
 KEEP_SIGMA = 3.5  # standard deviations from the surface within which a point counts as the cable's
 
 
@@ -61,36 +63,62 @@ def _points(cloud_or_xyz_mm: PointCloud | np.ndarray) -> tuple[np.ndarray, np.nd
     return xyz, valid & np.isfinite(xyz).all(axis=1)
 
 
-def _tube(axis: Axis, radius: float, xyz: np.ndarray) -> np.ndarray:
-    """Points within 30 % of the radius of the surface, and no further than a radius beyond the ends."""
+def _tube(axis: Axis, radius: float, xyz: np.ndarray, planes: list[Plane], width: float) -> np.ndarray:
+    """Rows within `width` of the surface, off the planes, and no further than a radius beyond the ends."""
     box = (xyz > axis.xyz.min(axis=0) - 2 * radius).all(axis=1) & (xyz < axis.xyz.max(axis=0) + 2 * radius).all(axis=1)
     rows = np.flatnonzero(box)
+    for plane in planes:
+        rows = rows[~plane.holds(xyz[rows])]
     if len(rows) == 0:
         return rows
     place = locate(axis, xyz[rows])
     distance = np.hypot(place.u, place.v)
     inside = (place.s > -radius) & (place.s < axis.s[-1] + radius)
-    return rows[inside & (np.abs(distance - radius) < 0.3 * radius)]
+    return rows[inside & (np.abs(distance - radius) < width)]
 
 
-def _fit(xyz: np.ndarray, way: Walk) -> tuple[CableFit, np.ndarray]:
+def _fit(xyz: np.ndarray, way: Walk, planes: list[Plane]) -> tuple[CableFit, np.ndarray]:
     """Fit axis and radius to the full cloud about a walk; the rows that took part."""
     radius = way.radius_mm
     axis = smoothed(way.axis, knot_mm=4 * radius, step=0.2 * radius, extend_mm=2 * radius)
     rows = np.empty(0, dtype=int)
-    fit = None
+    fit, width = None, 0.3 * radius
     for _ in range(3):  # a start that is 10 % off cuts the tube on one side: cut again about the fit
-        previous, rows = rows, _tube(axis, radius, xyz)
-        if len(rows) < 30:
-            raise MeasureError(f"Too few points on the cable: {len(rows)} where at least 30 are needed.")
+        previous, rows = rows, _tube(axis, radius, xyz, planes, width)
+        if len(rows) < MIN_ON_CABLE:
+            break
         if np.array_equal(previous, rows) and fit is not None:
             break
         fit = fit_cable(xyz[rows], axis, radius)
         used = fit.weight > 0
         low, high = fit.place.s[used].min(), fit.place.s[used].max()
         axis, radius = trimmed(fit.axis, float(low), float(high)), fit.radius_mm
-    assert fit is not None
+        width = float(np.clip(4.5 * fit.noise_mm, 0.3 * radius, 0.8 * radius))
+    if fit is None or len(rows) < MIN_ON_CABLE:
+        raise MeasureError(f"Too few points on the cable: {len(rows)} where at least {MIN_ON_CABLE} are needed.")
     return fit, rows
+
+
+def _best(xyz: np.ndarray, find: Find, settings: MeasureSettings) -> tuple[CableFit, np.ndarray, Sections, float]:
+    """Fit the walks in turn until one shows enough of its circumference; the first one's failure if none does.
+
+    Raises:
+        MeasureError: That failure.
+    """
+    failure: MeasureError | None = None
+    for way in find.walks:
+        try:
+            fit, rows = _fit(xyz, way, find.planes)
+        except MeasureError as error:
+            failure = failure or error
+            continue
+        sections = _sections(fit, settings)
+        seen = sections.points >= 0.2 * np.median(sections.points)
+        arc = float(np.median(sections.arc_deg[seen]))
+        if arc >= settings.min_arc_deg:
+            return fit, rows, sections, arc
+        failure = failure or arc_too_small(arc, settings.min_arc_deg, find)
+    raise failure or nothing_found(find)
 
 
 def _sections(fit: CableFit, settings: MeasureSettings) -> Sections:
@@ -169,14 +197,7 @@ def measure_cable(
     shift = np.median(every[valid], axis=0)  # keeps the arithmetic near the origin
     xyz = every[valid] - shift
     find = find_cables(xyz, rng=np.random.default_rng(settings.seed))
-    if not find.walks:
-        raise nothing_found(find)
-    fit, rows = _fit(xyz, find.walks[0])
-    sections = _sections(fit, settings)
-    seen = sections.points >= 0.2 * np.median(sections.points)
-    arc = float(np.median(sections.arc_deg[seen]))
-    if arc < settings.min_arc_deg:
-        raise arc_too_small(arc, settings.min_arc_deg, find)
+    fit, rows, sections, arc = _best(xyz, find, settings)
     return _assembled(every, valid, shift, fit, rows, sections, arc, find, catalogue, settings)
 
 

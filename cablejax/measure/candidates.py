@@ -19,7 +19,7 @@ class Find(NamedTuple):
     """What a scan holds.
 
     Attributes:
-        walks: Long round things, the best first; none shares most of its points with a better one.
+        walks: Long round things, the best first; those that share points differ in radius.
         planes: Flat regions taken out before.
         flat_share: The part of the points that lay on them.
         surface: The thinned cloud that the walks' rows refer to.
@@ -41,13 +41,7 @@ def _without_planes(xyz: np.ndarray, target: int, rng: np.random.Generator) -> t
         if not found:
             break
         planes += found
-        reach = 3 * float(np.median(thinned.roughness_mm)) + 0.05 * thinned.spacing_mm
-        near = np.zeros(len(kept), dtype=bool)
-        for plane in found:
-            offset = kept - plane.center
-            height = offset @ plane.normal
-            side = np.linalg.norm(offset - height[:, None] * plane.normal, axis=1)
-            near |= (np.abs(height) < reach) & (side < 3 * plane.along_mm)
+        near = np.any([plane.holds(kept) for plane in found], axis=0)
         if (~near).sum() < 50:
             return thinned.subset(~flat), planes, int((~near).sum())
         kept = kept[~near]
@@ -57,16 +51,37 @@ def _without_planes(xyz: np.ndarray, target: int, rng: np.random.Generator) -> t
 
 
 def merit(thinned: Surface, way: Walk) -> float:
-    """How much of a cable a walk is: its points on the surface, the arc they show, and its slenderness up to 2."""
-    slender = min(way.length_mm / (2 * way.radius_mm), 2.0)
-    _, outward, along = radial(way.start, thinned.xyz[way.rows])
-    near = np.abs(along) < 2 * way.radius_mm
-    gathered = float(np.linalg.norm(outward[near].mean(axis=0))) if near.any() else 1.0
-    return len(way.rows) * slender * float(np.sqrt(max(0.0, 1 - gathered)))
+    """How much of a cable a walk is.
+
+    The number of its points, times the square root of the arc they show, its slenderness up to 2, how few other points
+    lie about it (squared), and how well they lie on it.
+    """
+    radius = way.radius_mm
+    distance, outward, along = radial(way.start, thinned.xyz)
+    near = (np.abs(along) < 2 * radius) & (distance < 1.6 * radius)
+    on = near & (np.abs(distance - radius) < tolerance_of(thinned, radius))
+    if not on.any():
+        return 0.0
+    gathered = float(np.linalg.norm(outward[on].mean(axis=0)))
+    scatter = float(np.median(np.abs(distance[on] - radius))) / radius
+    alone = float(on.sum() / near.sum())
+    slender = min(way.length_mm / (2 * radius), 2.0)
+    return len(way.rows) * slender * float(np.sqrt(max(0.0, 1 - gathered))) * alone**2 / (1 + (scatter / 0.05) ** 2)
+
+
+def share(way: Walk, other: Walk) -> float:
+    """The part of a walk's points that another one holds as well."""
+    return float(np.isin(way.rows, other.rows).mean())
+
+
+def same(way: Walk, other: Walk) -> bool:
+    """Whether two walks are the same thing: common points and about the same radius."""
+    ratio = way.radius_mm / other.radius_mm
+    return share(way, other) > 0.3 and 1 / 1.5 < ratio < 1.5
 
 
 def find_cables(
-    xyz: Float[np.ndarray, "n 3"], *, rng: np.random.Generator, target: int = 20_000, most: int = 3
+    xyz: Float[np.ndarray, "n 3"], *, rng: np.random.Generator, target: int = 20_000, most: int = 4
 ) -> Find:
     """Search a scan for cables.
 
@@ -89,9 +104,7 @@ def find_cables(
             walks.append((merit(thinned, way), way))
             walked[way.rows] |= way.length_mm >= 4 * radius  # a short piece must not hide the cable it lies on
     chosen: list[Walk] = []
-    taken = np.zeros(len(thinned.xyz), dtype=bool)
     for value, way in sorted(walks, key=lambda pair: -pair[0]):
-        if len(chosen) < most and value > 0 and taken[way.rows].mean() < 0.3:
+        if len(chosen) < most and value > 0 and not any(same(way, better) for better in chosen):
             chosen.append(way)
-            taken[way.rows] = True
     return Find(chosen, planes, 1 - left / len(xyz), thinned)

@@ -13,6 +13,7 @@ from scipy.interpolate import BSpline
 from scipy.sparse import csr_array
 
 from cablejax.measure.axis import Axis, Place, locate, sampled, trimmed
+from cablejax.measure.errors import MeasureError
 
 TUKEY = 4.685  # standard deviations; 95 % efficient where the noise is Gaussian
 SECTOR_DEG = 15.0
@@ -59,8 +60,10 @@ def _columns(basis: csr_array) -> int:
     return int(shape[1])
 
 
-def _scale(residual: np.ndarray) -> float:
-    return 1.4826 * float(np.median(np.abs(residual - np.median(residual)))) + 1e-12
+def _scale(residual: np.ndarray, radius: float) -> float:
+    """Robust standard deviation about zero, so that a start off by more than the noise keeps its points; a millionth of
+    the radius at least, to which float32 coordinates are rounded."""
+    return max(1.4826 * float(np.median(np.abs(residual))), 1e-6 * radius)
 
 
 def _normal(basis: csr_array, cos: np.ndarray, sin: np.ndarray, weight: np.ndarray) -> np.ndarray:
@@ -78,14 +81,18 @@ def _normal(basis: csr_array, cos: np.ndarray, sin: np.ndarray, weight: np.ndarr
     return normal
 
 
-def _smoothing(m: int, strength: float) -> np.ndarray:
-    """A faint penalty on second differences of the offsets, so that a gap in the scan does not leave the axis loose."""
-    penalty = np.zeros((2 * m + 1, 2 * m + 1))
+def _smoothing(m: int, points: float) -> np.ndarray:
+    """A faint pull on the offsets and their second differences, so that a gap in the scan does not leave the axis loose.
+
+    It weighs 1e-4 of a knot's share of the points; the pull to no change at all a ten-thousandth of that.
+    """
+    strength = 1e-4 * points / m
+    penalty = np.diag(np.append(np.full(2 * m, 1e-4 * strength), 0.0))
     if m > 2:
         difference = np.diff(np.eye(m), n=2, axis=0)
-        block = strength * difference.T @ difference + 1e-4 * strength * np.eye(m)
-        penalty[:m, :m] = block
-        penalty[m : 2 * m, m : 2 * m] = block
+        block = strength * difference.T @ difference
+        penalty[:m, :m] += block
+        penalty[m : 2 * m, m : 2 * m] += block
     return penalty
 
 
@@ -122,6 +129,9 @@ def fit_cable(xyz: Float[np.ndarray, "n 3"], axis: Axis, radius_mm: float, *, kn
         radius_mm: Where to begin.
         knot_diameters: Distance between knots of the axis, in diameters. Cubic splines one diameter apart follow a bend
             of 15 diameters to 4e-6 of the diameter.
+
+    Raises:
+        MeasureError: If fewer points keep weight than the fit has unknowns.
     """
     radius = radius_mm
     knot = knot_diameters * 2 * radius_mm
@@ -136,10 +146,11 @@ def fit_cable(xyz: Float[np.ndarray, "n 3"], axis: Axis, radius_mm: float, *, kn
         change = np.zeros(2 * m + 1)
         residual = distance - radius
         for _ in range(4):
-            scale = _scale(residual)
+            scale = _scale(residual, radius)
             weight = tukey(residual, scale)
-            normal = _normal(basis, cos, sin, weight)
-            normal += _smoothing(m, 1e-4 * weight.sum() / m)
+            if weight.sum() < 2 * m + 1:
+                raise MeasureError("No cable found: the points do not lie on one smooth round surface.")
+            normal = _normal(basis, cos, sin, weight) + _smoothing(m, weight.sum())
             bent = np.concatenate([basis.T @ (weight * cos * residual), basis.T @ (weight * sin * residual)])
             change += np.linalg.solve(normal, np.append(bent, (weight * residual).sum()))
             du, dv = place.u - basis @ change[:m], place.v - basis @ change[m : 2 * m]
@@ -160,9 +171,9 @@ def _finished(xyz: np.ndarray, axis: Axis, radius: float, knot: float) -> CableF
     m = _columns(basis)
     distance = np.maximum(np.hypot(place.u, place.v), 1e-9)
     cos, sin, residual = place.u / distance, place.v / distance, distance - radius
-    scale = _scale(residual)
+    scale = _scale(residual, radius)
     weight = tukey(residual, scale)
-    normal = _normal(basis, cos, sin, weight) + _smoothing(m, 1e-4 * weight.sum() / m)
+    normal = _normal(basis, cos, sin, weight) + _smoothing(m, weight.sum())
     inverse_row = np.linalg.solve(normal, np.eye(2 * m + 1)[-1])
     influence = weight * residual
     spread = float(np.sqrt(np.sum(weight * influence * residual) / max(weight.sum(), 1e-9)))

@@ -17,12 +17,27 @@ MIN_WIDTH = 8.0  # least standard deviation across, in tolerances: a strip of a 
 
 
 class Plane(NamedTuple):
-    """Centre `[3]`, unit normal `[3]`, and the standard deviations of its points across and along, in mm."""
+    """A flat region.
+
+    Attributes:
+        center: Mean of its points `[3]`, mm.
+        normal: Unit normal `[3]`.
+        across_mm, along_mm: Standard deviations of its points in the plane.
+        tolerance_mm: Distance from the plane within which a point counts as on it.
+    """
 
     center: Float[np.ndarray, "3"]
     normal: Float[np.ndarray, "3"]
     across_mm: float
     along_mm: float
+    tolerance_mm: float
+
+    def holds(self, xyz: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
+        """Which points lie on it: near the plane, and not far outside its outline."""
+        offset = xyz - self.center
+        height = offset @ self.normal
+        side = np.linalg.norm(offset - height[:, None] * self.normal, axis=1)
+        return (np.abs(height) < self.tolerance_mm) & (side < 3 * self.along_mm)
 
 
 def _members(surface: Surface, center: np.ndarray, normal: np.ndarray, tolerance: float) -> np.ndarray:
@@ -48,7 +63,7 @@ def _best_plane(surface: Surface, tolerance: float, rng: np.random.Generator) ->
     return members
 
 
-def _describe(surface: Surface, members: np.ndarray) -> tuple[Plane, float, float]:
+def _describe(surface: Surface, members: np.ndarray, tolerance: float) -> tuple[Plane, float, float]:
     """The plane of its members, the turn of their normals from the centre to the rim in rad, and `_fill`."""
     xyz = surface.xyz[members]
     center = xyz.mean(axis=0)
@@ -59,7 +74,7 @@ def _describe(surface: Surface, members: np.ndarray) -> tuple[Plane, float, floa
     place = (xyz - center) @ axes[:2].T
     turn, *_ = np.linalg.lstsq(place, (normals - normals.mean(axis=0)) @ axes[:2].T, rcond=None)
     tilt = float(np.abs(turn * 1.7 * spread[:2, None]).max())  # the rim of an even strip is at 1.7 deviations
-    plane = Plane(center, axes[2], float(spread[1]), float(spread[0]))
+    plane = Plane(center, axes[2], float(spread[1]), float(spread[0]), tolerance)
     return plane, tilt, _fill(surface, members, plane, axes[:2])
 
 
@@ -80,7 +95,7 @@ def find_planes(surface: Surface, *, rng: np.random.Generator) -> tuple[list[Pla
     Returns:
         The planes, largest first as a rule, and which points `[m]` lie on one.
     """
-    tolerance = 3 * float(np.median(surface.roughness_mm)) + 0.05 * surface.spacing_mm
+    tolerance = 3 * surface.roughness_mm + 0.05 * surface.spacing_mm
     free = np.ones(len(surface.xyz), dtype=bool)
     planes = []
     for _ in range(MAX_PLANES):
@@ -90,7 +105,7 @@ def find_planes(surface: Surface, *, rng: np.random.Generator) -> tuple[list[Pla
         members = _best_plane(surface.subset(rows), tolerance, rng)
         if members.sum() < max(30, MIN_SHARE * len(surface.xyz)):
             break
-        plane, tilt, fill = _describe(surface.subset(rows), members)
+        plane, tilt, fill = _describe(surface.subset(rows), members, tolerance)
         if tilt > FLAT_TILT or fill < MIN_FILL or plane.across_mm < MIN_WIDTH * tolerance:
             break
         planes.append(plane)

@@ -51,13 +51,19 @@ def _hypotheses(surface: Surface, first: Int[np.ndarray, " h"], second: Int[np.n
     return center[good], direction[good], radius[good]
 
 
+def facing(surface: Surface, cylinder: Cylinder, outward: np.ndarray) -> np.ndarray:
+    """Which normals point away from the axis; all, where the cylinder is thinner than what the normals come from."""
+    if cylinder.radius_mm < surface.reach_mm:
+        return np.ones(len(outward), dtype=bool)
+    return np.abs(np.einsum("ij,ij->i", outward, surface.normals)) > NORMAL_COS
+
+
 def score(surface: Surface, cylinder: Cylinder, tolerance: float) -> tuple[float, np.ndarray]:
     """Score of a cylinder within `REACH` radii of its centre, and the rows of its points."""
     distance, outward, along = radial(cylinder, surface.xyz)
     here = (np.abs(along) < REACH * cylinder.radius_mm) & (distance < 1.5 * cylinder.radius_mm + tolerance)
-    facing = np.abs(np.einsum("ij,ij->i", outward, surface.normals)) > NORMAL_COS
     residual = np.abs(distance - cylinder.radius_mm)
-    on = here & (residual < tolerance) & facing
+    on = here & (residual < tolerance) & facing(surface, cylinder, outward)
     inside = here & (distance < cylinder.radius_mm - 2 * tolerance)
     rows = np.flatnonzero(on)
     if len(rows) < 6:
@@ -68,8 +74,39 @@ def score(surface: Surface, cylinder: Cylinder, tolerance: float) -> tuple[float
 
 
 def tolerance_of(surface: Surface, radius: float) -> float:
-    """How far a point may lie from its cylinder: three times the roughness, and a tenth of the radius at least."""
-    return max(3 * float(np.median(surface.roughness_mm)), 0.1 * radius)
+    """How far a point may lie from its cylinder: three times the roughness, between a tenth and half of the radius."""
+    return float(np.clip(3 * surface.roughness_mm, 0.1 * radius, 0.5 * radius))
+
+
+def _threads(surface: Surface, count: int, rng: np.random.Generator) -> list[Cylinder]:
+    """Cylinders along neighbourhoods that are much longer than wide, for things too thin to have normals."""
+    tree = KDTree(surface.xyz)
+    found = []
+    for k in (32, 96, 288):
+        if k > len(surface.xyz):
+            break
+        _, near = tree.query(surface.xyz[rng.integers(len(surface.xyz), size=count)], k=k, workers=-1)
+        for rows in np.asarray(near):
+            xyz = surface.xyz[rows]
+            center = xyz.mean(axis=0)
+            _, scale, axes = np.linalg.svd(xyz - center, full_matrices=False)
+            if scale[0] < 2.5 * scale[1]:
+                continue
+            place = (xyz - center) @ axes[1:].T
+            system = np.concatenate([2 * place, np.ones((k, 1))], axis=1)
+            circle, *_ = np.linalg.lstsq(system, np.sum(place**2, axis=1), rcond=None)  # Kasa's circle: a start
+            radius = float(np.sqrt(max(circle[2] + circle[0] ** 2 + circle[1] ** 2, 0.0)))
+            found.append(Cylinder(center + circle[:2] @ axes[1:], axes[0], radius))
+    return found
+
+
+def _guesses(surface: Surface, rng: np.random.Generator, tries: int) -> list[Cylinder]:
+    """Cylinders from pairs of normals, and along threads."""
+    largest = 0.5 * float(np.linalg.norm(np.ptp(surface.xyz, axis=0)))
+    first, second = _pairs(surface, tries, rng)
+    rows = zip(*_hypotheses(surface, first, second, largest), strict=True)
+    pairs = [Cylinder(center, direction, float(radius)) for center, direction, radius in rows]
+    return pairs + _threads(surface, 60, rng)
 
 
 def _refine(surface: Surface, cylinder: Cylinder) -> Candidate:
@@ -93,12 +130,12 @@ def find_candidates(
     if len(surface.xyz) < 20:
         return []
     largest = 0.5 * float(np.linalg.norm(np.ptp(surface.xyz, axis=0)))
-    first, second = _pairs(surface, tries, rng)
-    centers, directions, radii = _hypotheses(surface, first, second, largest)
+    guesses = [guess for guess in _guesses(surface, rng, tries) if surface.spacing_mm < guess.radius_mm < largest]
+    if not guesses:
+        return []
     sample = surface.subset(rng.choice(len(surface.xyz), size=min(1500, len(surface.xyz)), replace=False))
-    guesses = [Cylinder(*row) for row in zip(centers, directions, radii, strict=True)]
     rough = np.array([score(sample, guess, tolerance_of(surface, guess.radius_mm))[0] for guess in guesses])
-    octave = np.floor(np.log2(radii)).astype(int)
+    octave = np.floor(np.log2([guess.radius_mm for guess in guesses])).astype(int)
     found = []
     for level in np.unique(octave):
         rows = np.flatnonzero(octave == level)

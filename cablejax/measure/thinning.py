@@ -13,18 +13,21 @@ class Surface(NamedTuple):
     Attributes:
         xyz: Voxel means `[m, 3]`, mm.
         normals: Unit normals of either sign `[m, 3]`.
-        roughness_mm: Standard deviation of the neighbours from that plane `[m]`: noise, and some curvature.
+        roughness_mm: Standard deviation of the neighbours from that plane, the median over the points: noise, and some
+            curvature.
         spacing_mm: Median distance to the nearest neighbour.
+        reach_mm: Median distance to the furthest neighbour that a normal comes from: rounder things have no normals.
     """
 
     xyz: Float[np.ndarray, "m 3"]
     normals: Float[np.ndarray, "m 3"]
-    roughness_mm: Float[np.ndarray, " m"]
+    roughness_mm: float
     spacing_mm: float
+    reach_mm: float
 
     def subset(self, rows: np.ndarray) -> "Surface":
-        """The rows alone, with the spacing kept."""
-        return Surface(self.xyz[rows], self.normals[rows], self.roughness_mm[rows], self.spacing_mm)
+        """The rows alone, with the distances kept."""
+        return self._replace(xyz=self.xyz[rows], normals=self.normals[rows])
 
 
 def voxel_groups(xyz: Float[np.ndarray, "n 3"], size: float) -> Int[np.ndarray, " n"]:
@@ -57,5 +60,6 @@ def surface(xyz: Float[np.ndarray, "n 3"], *, target: int = 20_000, k: int = 24)
     distance, neighbors = KDTree(points).query(points, k=k, workers=-1)
     spread = points[neighbors] - points[neighbors].mean(axis=1, keepdims=True)
     values, vectors = np.linalg.eigh(np.einsum("mki,mkj->mij", spread, spread) / k)
-    roughness = np.sqrt(np.maximum(values[:, 0], 0))
-    return Surface(points, vectors[:, :, 0], roughness, float(np.median(distance[:, 1])))
+    roughness = float(np.median(np.sqrt(np.maximum(values[:, 0], 0))))
+    spacing, reach = np.median(distance[:, [1, -1]], axis=0)
+    return Surface(points, vectors[:, :, 0], roughness, float(spacing), float(reach))

@@ -7,7 +7,7 @@ from jaxtyping import Float
 from scipy.spatial import KDTree
 
 from cablejax.measure.cylinder import Cylinder, fit_cylinder, radial
-from cablejax.measure.search import NORMAL_COS, tolerance_of
+from cablejax.measure.search import facing, tolerance_of
 from cablejax.measure.thinning import Surface
 
 STEP = 1.0  # radii
@@ -43,8 +43,7 @@ def _near(surface: Surface, tree: KDTree, cylinder: Cylinder) -> np.ndarray:
         return rows
     distance, outward, along = radial(cylinder, surface.xyz[rows])
     on = (np.abs(along) < WINDOW * radius) & (np.abs(distance - radius) < tolerance_of(surface, radius))
-    facing = np.abs(np.einsum("ij,ij->i", outward, surface.normals[rows])) > NORMAL_COS
-    return rows[on & facing]
+    return rows[on & facing(surface.subset(rows), cylinder, outward)]
 
 
 def _reaches(surface: Surface, cylinder: Cylinder, rows: np.ndarray) -> bool:
