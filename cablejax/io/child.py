@@ -6,8 +6,10 @@ the points to standard output, piece by piece: a line of JSON that describes the
 that holds nothing but the error or null. A piece waits until the one before it was taken.
 """
 
+import importlib
 import json
 import os
+import struct
 import sys
 from collections.abc import Iterator
 from typing import Any, BinaryIO
@@ -15,6 +17,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 CHUNK_BYTES = 64 * 2**20
+VLR_BYTES = 54  # the header of a variable length record
 E57_POINTS = 1_000_000
 FLOAT_INTENSITY = "intensity_f32"
 CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
@@ -43,13 +46,12 @@ def las_chunks(path: str, size: int | None = None) -> Iterator[Chunk]:
     """
     import laspy
 
-    with (
-        open(path, "rb") as file,
-        laspy.LasReader(file, laz_backend=laspy.LazBackend.Lazrs, read_evlrs=False) as reader,
-    ):
+    with open(path, "rb") as file:
+        _check_las_header(file)
+        reader = laspy.LasReader(file, laz_backend=laspy.LazBackend.Lazrs, read_evlrs=False)
         header = reader.header
         promised, width = header.point_count, header.point_format.size
-        _check_las_size(path, header)
+        _check_las_count(file, header)
         if not (np.isfinite(header.scales).all() and np.isfinite(header.offsets).all() and np.all(header.scales != 0)):
             raise Damaged("has a damaged header: its scales or offsets are no numbers")
         names = set(header.point_format.dimension_names)
@@ -61,14 +63,46 @@ def las_chunks(path: str, size: int | None = None) -> Iterator[Chunk]:
             raise Damaged(f"is truncated: its header promises {promised:,} points, {read:,} are there")
 
 
-def _check_las_size(path: str, header: Any) -> None:
-    """Compare the size of an uncompressed file with what its header promises."""
+def _check_las_header(file: BinaryIO) -> None:
+    """Refuse a number of records that would not fit into the file, before laspy goes through them."""
+    size, head = os.fstat(file.fileno()).st_size, file.read(104)
+    header_size, start, records = struct.unpack("<HII", head[94:104]) if len(head) == 104 else (0, size + 1, 0)
+    if header_size + VLR_BYTES * records > size or start > size:
+        raise Damaged(f"is damaged or truncated: its header promises {records:,} records, points from byte {start:,}")
+    file.seek(0)
+
+
+def _check_las_count(file: BinaryIO, header: Any) -> None:
+    """Compare the number of points in the header with what the file can hold, or says elsewhere that it holds."""
+    promised, width = header.point_count, header.point_format.size
     if header.are_points_compressed:
+        _check_laz_count(file, header)
         return
-    width = header.point_format.size
-    held = (os.path.getsize(path) - header.offset_to_point_data) // width
-    if held < header.point_count:
-        raise Damaged(f"is truncated: its header promises {header.point_count:,} points, {max(0, held):,} are there")
+    ends = [os.fstat(file.fileno()).st_size, header.start_of_first_evlr, header.start_of_waveform_data_packet_record]
+    held = (min(end for end in ends if end) - header.offset_to_point_data) // width
+    if held < promised:
+        raise Damaged(f"is truncated: its header promises {promised:,} points, {max(0, held):,} are there")
+    if held > promised:
+        raise Damaged(f"holds {held:,} points, more than the {promised:,} of its header")
+
+
+def _check_laz_count(file: BinaryIO, header: Any) -> None:
+    """The table of compressed chunks says how many points there are, to a chunk or exactly."""
+    lazrs: Any = importlib.import_module("lazrs")
+
+    laz = lazrs.LazVlr(header.vlrs.get("LasZipVlr")[0].record_data)
+    back = file.tell()
+    file.seek(header.offset_to_point_data)
+    try:
+        table = lazrs.read_chunk_table(file, laz)
+    except lazrs.LazrsError:
+        return  # a file written to a pipe has none; reading the points tells
+    finally:
+        file.seek(back)
+    held = sum(count for count, _ in table)
+    chunk = 1 if laz.uses_variable_size_chunks() else laz.chunk_size()
+    if not held - chunk < header.point_count <= held:
+        raise Damaged(f"is damaged: its header promises {header.point_count:,} points, its chunks hold {held:,}")
 
 
 def _las_chunk(points: Any, names: set[str]) -> Chunk:

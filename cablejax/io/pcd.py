@@ -48,9 +48,10 @@ def parse_header(data: bytes) -> Header:
         dtype = np.dtype(_unique_fields(names, cells, repeats))
         count = int(entries["POINTS"][0]) if "POINTS" in entries else _grid(entries)
         header = Header(dtype, count, entries["DATA"][0], at)
+        grid = _grid(entries) if {"WIDTH", "HEIGHT"} <= entries.keys() else count
     except (KeyError, IndexError, ValueError, TypeError, OverflowError) as error:
         raise BadFile(f"has a damaged PCD header ({type(error).__name__}: {str(error)[:60]})") from error
-    if header.n < 0 or ("WIDTH" in entries and "HEIGHT" in entries and _grid(entries) != header.n):
+    if header.n < 0 or grid != header.n:
         raise BadFile("has a damaged PCD header: WIDTH x HEIGHT is not POINTS")
     if header.storage not in STORAGES:
         raise BadFile(f"stores its data as {header.storage!r}, expected one of {', '.join(STORAGES)}")

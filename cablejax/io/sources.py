@@ -9,6 +9,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from cablejax.io import pcd, ply
 from cablejax.io.isolated import read_isolated
 from cablejax.io.leica import read_pts, read_ptx
@@ -105,7 +107,7 @@ def pieces(path: Path, *, unit: str, time_limit_s: float | None, size: int | Non
             rows = None if size is None else _records(stream, kind, None if packed else path.stat().st_size, size)
             if rows is None:
                 stream.seek(0)
-                yield from _sliced(PARSERS[kind](stream.read()), size)
+                yield from _sliced(_quietly(PARSERS[kind], stream.read()), size)
             else:
                 yield from rows
             return
@@ -128,7 +130,13 @@ def _records(stream: Any, kind: str, length: int | None, size: int) -> Iterator[
     if length is not None:
         block.check_length(length)
     parse = ply.from_fields if kind == ".ply" else pcd.from_fields
-    return (parse(rows) for rows in block.read(stream, size))
+    return (_quietly(parse, rows) for rows in block.read(stream, size))
+
+
+def _quietly(parse: Callable[[Any], RawCloud], data: Any) -> RawCloud:
+    """Parse without NumPy's warnings: numbers that overflow become infinities, which are dropped and counted later."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return parse(data)
 
 
 def _sliced(raw: RawCloud, size: int | None) -> Iterator[RawCloud]:

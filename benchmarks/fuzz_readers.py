@@ -1,0 +1,191 @@
+"""Read thousands of damaged files of every format: none may crash, hang, or come out as half a cloud.
+
+    python -m benchmarks.fuzz_readers --count 1000 --output fuzz_readers.json
+
+Prints one row a format: damaged files tried, read after all, refused with a `PointFileError`; then what must not be
+there: other exceptions, deaths of the process, and truncated files read as a smaller cloud. LAS, LAZ and E57 are read
+by native libraries in a process of their own; where that process dies or has to be stopped, `read_points` reports it as
+a `PointFileError`, and the row says how often. Every 40th file of theirs goes through `read_points` itself.
+"""
+
+import argparse
+import gzip
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.mutations import mutants, repair_e57
+from cablejax.io import PointFileError, child, provenance, read_points, write_json, write_points
+
+HERE = Path(__file__).resolve().parent
+SECONDS = 20.0
+MEMORY_BYTES = 4 * 2**30
+END_TO_END = 40
+# Text tables and OBJ have no count, so a file cut between two rows is a smaller whole one.
+UNCOUNTED = ("xyz", "csv", "obj")
+
+
+def base_files(folder: Path) -> dict[str, Path]:
+    """Good files of every format and dialect, a few dozen points each."""
+    rng = np.random.default_rng(0)
+    xyz, color = rng.normal(scale=40.0, size=(60, 3)), rng.integers(0, 256, (60, 3)).astype(np.uint8)
+    intensity = rng.integers(0, 4096, 60).astype(np.float32)
+    files = {}
+    for ending in ("ply", "pcd", "xyz", "csv", "las", "laz"):
+        files[ending] = folder / f"base.{ending}"
+        write_points(files[ending], xyz, color=color, intensity=intensity)
+    rows = [" ".join(f"{value:.4f}" for value in row) for row in xyz]
+    body = "\n".join(rows) + "\n"
+    properties = "".join(f"property float {axis}\n" for axis in "xyz")
+    pcd = "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 60\nHEIGHT 1\nPOINTS 60\nDATA "
+    pose = "60\n1\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n5 6 7 1\n"
+    columns = xyz.T.astype("<f4").tobytes()
+    packed = b"".join(
+        bytes([len(part) - 1]) + part for part in (columns[i : i + 32] for i in range(0, len(columns), 32))
+    )
+    sizes = np.array([len(packed), len(columns)], "<u4").tobytes()
+    written: dict[str, bytes] = {
+        "ascii.ply": f"ply\nformat ascii 1.0\nelement vertex 60\n{properties}end_header\n{body}".encode(),
+        "ascii.pcd": f"{pcd}ascii\n{body}".encode(),
+        "compressed.pcd": f"{pcd}binary_compressed\n".encode() + sizes + packed,
+        "pts": f"60\n{body}".encode(),
+        "ptx": (pose + "\n".join(f"{row} 0.5" for row in rows) + "\n").encode(),
+        "obj": "".join(f"v {row}\n" for row in rows).encode(),
+        "ply.gz": gzip.compress(files["ply"].read_bytes(), mtime=0),
+    }
+    for name, content in written.items():
+        files[name] = folder / f"base.{name}"
+        files[name].write_bytes(content)
+    return files | {"e57": _e57(folder / "base.e57", xyz, color)} | _real_files()
+
+
+def _e57(path: Path, xyz: np.ndarray, color: np.ndarray) -> Path:
+    import pye57
+
+    with pye57.E57(str(path), mode="w") as file:
+        data = {f"cartesian{axis}": column for axis, column in zip("XYZ", xyz.T, strict=True)}
+        file.write_scan_raw(data | {f"color{n}": c for n, c in zip(("Red", "Green", "Blue"), color.T, strict=True)})
+    return path
+
+
+def _real_files() -> dict[str, Path]:
+    """Files of other programs, where they are at hand: an octree-ordered LAZ, extra bytes, full waveforms."""
+    folder = Path(os.environ.get("CABLEJAX_DATA", "")) / "parsers" / "laspy" / "tests" / "data"
+    names = {"copc.laz": "simple.copc.laz", "extra.las": "extrabytes.las", "wave.laz": "fullwave.laz"}
+    return {name: folder / file for name, file in names.items() if (folder / file).is_file()}
+
+
+class Worker:
+    """A process that reads one file after the other and is started anew when it dies or hangs."""
+
+    def __init__(self, command: list[str]):
+        self.command = command
+        self.process: subprocess.Popen[str] | None = None
+
+    def ask(self, path: Path) -> dict[str, Any]:
+        """How reading a file ends."""
+        if self.process is None:
+            self.process = subprocess.Popen(self.command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        assert self.process.stdin is not None
+        assert self.process.stdout is not None
+        timer = threading.Timer(2 * SECONDS + 60, self.process.kill)
+        timer.start()
+        self.process.stdin.write(f"{path}\n")
+        self.process.stdin.flush()
+        line = self.process.stdout.readline()
+        in_time = timer.is_alive()
+        timer.cancel()
+        if line:
+            return json.loads(line)
+        self.close()
+        return {"outcome": "died" if in_time else "hung"}
+
+    def close(self) -> None:
+        """End the process."""
+        if self.process is not None:
+            self.process.kill()
+            self.process.communicate()
+            self.process = None
+
+
+def answer_paths(lines: Iterator[str]) -> None:
+    """The worker for formats that are parsed here: one line of JSON for each path."""
+    for line in lines:
+        print(json.dumps(judge(Path(line.rstrip("\n")))), flush=True)
+
+
+def judge(path: Path) -> dict[str, Any]:
+    """Read a file and say how it ended."""
+    try:
+        scan = read_points(path, unit="m", time_limit_s=SECONDS)
+    except PointFileError as error:
+        return {"outcome": "refused", "error": error.reason}
+    except Exception as error:  # noqa: BLE001 (that is what is looked for)
+        return {"outcome": "wrong exception", "error": repr(error)}
+    good = len(scan.xyz_mm) > 0 and bool(np.isfinite(scan.xyz_mm).all())
+    return {"outcome": "read" if good else "bad cloud", "points": len(scan.xyz_mm), "dropped": scan.dropped}
+
+
+def fuzz(name: str, base: Path, count: int, seed: int, folder: Path) -> dict[str, Any]:
+    """Try `count` damaged copies of a file; a row of the table."""
+    kind = {"las": "las", "laz": "las", "e57": "e57"}.get(name.rsplit(".", 1)[-1])
+    here = [sys.executable, "-W", "error", "-m", "benchmarks.fuzz_readers", "--worker"]
+    native = [sys.executable, "-P", str(HERE / "fuzz_native.py"), str(kind), child.__file__, str(folder)]
+    worker = Worker(here if kind is None else [*native, str(SECONDS), str(MEMORY_BYTES)])
+    whole, outcomes, failures = judge(base)["points"], Counter(), []
+    path = folder / f"damaged.{name}"
+    repair = repair_e57 if kind == "e57" else None
+    for index, (damage, content) in enumerate(mutants(base.read_bytes(), count, seed, repair=repair)):
+        path.write_bytes(content)
+        results = [worker.ask(path)]
+        if kind is not None and index % END_TO_END == 0:
+            results.append(judge(path))
+            outcomes["end to end"] += 1
+        for result in results:
+            cut = damage == "truncate" and name not in UNCOUNTED and result.get("points", whole) < whole
+            outcome = "half read" if cut and result["outcome"] == "read" else result["outcome"]
+            outcomes[outcome] += result is results[0]
+            contained = kind is not None and outcome in ("died", "stopped") and result is results[0]
+            if outcome not in ("read", "refused") and not contained:
+                failures.append({"index": index, "damage": damage, **result, "outcome": outcome})
+    worker.close()
+    return {"format": name, "tried": count, "seed": seed, **outcomes, "failures": failures}
+
+
+def main() -> None:
+    """Fuzz every format, print the table, write it with its provenance."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--count", type=int, default=1000, help="damaged files a format")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--formats", nargs="*", help="only these")
+    parser.add_argument("--output", type=Path, help="write the rows here as JSON")
+    parser.add_argument("--worker", action="store_true", help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.worker:
+        answer_paths(sys.stdin)
+        return
+    rows = []
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for label, base in base_files(folder).items():
+            if not options.formats or label in options.formats:
+                rows.append(fuzz(label, base, options.count, options.seed, folder))
+                print(json.dumps(rows[-1]), flush=True)
+    failures = sum(len(row["failures"]) for row in rows)
+    print(f"{sum(row['tried'] for row in rows):,} damaged files, {failures} failures")
+    if options.output is not None:
+        write_json(options.output, {"rows": rows, "provenance": provenance(seeds=options.seed)})
+    sys.exit(1 if failures else 0)
+
+
+if __name__ == "__main__":
+    main()
