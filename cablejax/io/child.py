@@ -228,7 +228,12 @@ def reason(error: BaseException) -> str:
 
 
 def limit_memory(memory_bytes: int) -> None:
-    """Let a damaged length fail in this process instead of taking the machine down."""
+    """Let a damaged length fail in this process instead of taking the machine, or the program that waits, down."""
+    try:
+        with open("/proc/self/oom_score_adj", "w") as file:
+            file.write("1000")
+    except OSError:
+        pass  # not Linux
     try:
         import resource
 

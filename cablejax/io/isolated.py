@@ -16,6 +16,10 @@ import numpy as np
 from cablejax.io import child
 from cablejax.io.raw import BadFile, RawCloud
 
+# Thread pools reserve address space, which is limited, and start slowly; reading is sequential.
+ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "RAYON_NUM_THREADS": "1"}
+LEAST_MEMORY_BYTES = 4 * 2**30
+
 
 def read_isolated(kind: str, path: Path, *, time_limit_s: float, size: int | None = None) -> Iterator[RawCloud]:
     """Read a LAS, LAZ, COPC ("las") or E57 ("e57") file piece by piece.
@@ -35,7 +39,12 @@ def read_isolated(kind: str, path: Path, *, time_limit_s: float, size: int | Non
     # -P keeps this folder, whose modules have common names, off the child's path.
     command = [sys.executable, "-P", child.__file__, kind, str(path.resolve()), str(_memory_limit()), str(size or 0)]
     process = subprocess.Popen(
-        command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, bufsize=2**20
+        command,
+        env=os.environ | ONE_THREAD,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        bufsize=2**20,
     )
     waited = 0.0
     try:
@@ -103,8 +112,8 @@ def _death(code: int) -> str:
 
 
 def _memory_limit() -> int:
-    """All of the machine's memory as address space; 2 GiB where the system does not tell."""
+    """All of the machine's memory as address space, for libraries reserve more of it than they use."""
     try:
-        return max(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"), 2**31)
+        return max(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"), LEAST_MEMORY_BYTES)
     except (AttributeError, ValueError, OSError):
-        return 2**31
+        return LEAST_MEMORY_BYTES

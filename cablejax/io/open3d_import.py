@@ -2,6 +2,7 @@
 
 import ctypes
 import importlib
+import sys
 from types import ModuleType
 
 MISSING = (
@@ -36,7 +37,5 @@ def import_open3d() -> ModuleType:
 
 def _forget(name: str) -> None:
     """Remove a module and its submodules from the table of imported ones."""
-    import sys
-
     for module in [module for module in sys.modules if module == name or module.startswith(f"{name}.")]:
         del sys.modules[module]
