@@ -1,5 +1,6 @@
 """Checkpoints: bit for bit, atomic, and honest about damage."""
 
+import os
 import resource
 import signal
 import subprocess
@@ -228,3 +229,27 @@ def test_killed_at_any_moment_leaves_a_whole_checkpoint(tmp_path):
     assert np.all(tree["a"] == step)
     save_checkpoint(tmp_path, step + 1, tree)
     assert not list(tmp_path.glob(".*.part"))  # what the killed write left is swept up
+
+
+SHARDED = """
+import sys
+import jax, jax.numpy as jnp, numpy as np
+from jax.sharding import NamedSharding, PartitionSpec
+from cablejax.io import restore_checkpoint, save_checkpoint
+
+mesh = jax.make_mesh((4,), ("data",))
+split, everywhere = (NamedSharding(mesh, PartitionSpec(*axes)) for axes in (["data"], []))
+tree = {"x": jax.device_put(jnp.arange(8.0), split), "key": jax.device_put(jax.random.key(3), everywhere)}
+blank = {"x": jax.device_put(jnp.zeros(8), split), "key": jax.device_put(jax.random.key(0), everywhere)}
+save_checkpoint(sys.argv[1], 1, tree)
+back = restore_checkpoint(sys.argv[1], blank).tree
+assert np.array_equal(back["x"], tree["x"])
+assert np.array_equal(jax.random.key_data(back["key"]), jax.random.key_data(tree["key"]))
+assert back["x"].sharding == split and len(back["x"].addressable_shards) == 4
+assert len(back["key"].sharding.device_set) == 4
+"""
+
+
+def test_arrays_return_to_the_devices_they_were_split_over(tmp_path):
+    flags = {**os.environ, "XLA_FLAGS": "--xla_force_host_platform_device_count=4"}
+    subprocess.run([sys.executable, "-c", SHARDED, str(tmp_path)], env=flags, check=True)
