@@ -49,7 +49,7 @@ def test_experiment_commands_name_what_exists():
 
 def test_make_targets_exist():
     listed = subprocess.run(["make", "help"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
-    for target in re.findall(r"`?make ([a-z0-9_-]+)", README):
+    for target in re.findall(r"(?:`|^)make ([a-z0-9_-]+)", README, flags=re.MULTILINE):
         assert re.search(rf"^  {target} ", listed, flags=re.MULTILINE), target
 
 
