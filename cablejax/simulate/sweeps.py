@@ -43,7 +43,7 @@ def raster(
     """
     stations, lines = luck.shape[0], luck.shape[1] - 4
     line = jnp.arange(lines) + 0.0
-    first = jnp.ceil((1 - resweep) * lines)
+    first = jnp.round((1 - resweep) * lines)
     shape = (stations, lines)
     again = jnp.broadcast_to((line >= first)[None, :], shape)
     start = (1 - RESWEPT_WINDOW) * luck[:, :1]

@@ -112,10 +112,11 @@ def test_against_a_dense_mesh(open3d, name):
     gap = np.abs(np.asarray(echo.range_mm) - theirs)[both] * np.asarray(echo.cosine)[both]
     if smooth:
         assert gap.max() < MESH_MM
-        # they may disagree on hit or miss only where the beam grazes
-        clear = np.asarray(echo.margin_mm) > 0.05
+        # they may disagree on hit or miss only where the beam grazes: by 0.05 mm, or by a rib's height
+        rim = 0.05 if name != "profiled" else 0.5
+        clear = np.asarray(echo.margin_mm) > rim
         assert np.isfinite(theirs)[clear & np.asarray(echo.hit)].all()
-        assert not np.isfinite(theirs)[np.asarray(echo.margin_mm) < -0.05].any()
+        assert not np.isfinite(theirs)[np.asarray(echo.margin_mm) < -rim].any()
     else:
         # a beam that touches an edge within the chord error goes one way here and the other way there
         assert np.quantile(gap, 0.99) < MESH_MM
