@@ -7,6 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 
 SCALARS = {"bool": bool, "int": int, "float": float, "str": str}
+# A key's dtype prints the short tag of its generator.
+SHORT_IMPLS = {"threefry2x32": "fry", "rbg": "rbg", "unsafe_rbg": "urbg"}
 
 
 class Leaf(NamedTuple):
@@ -64,10 +66,6 @@ def same_kind(entry: dict[str, Any], template: Any) -> str | None:
     if list(template.shape) != shape or dtype != stored_dtype:
         return f"is stored as {stored_dtype}{shape}, expected {dtype}{list(template.shape)}"
     return None
-
-
-# A key's dtype prints the short tag of its generator.
-SHORT_IMPLS = {"threefry2x32": "fry", "rbg": "rbg", "unsafe_rbg": "urbg"}
 
 
 def decode_leaf(entry: dict[str, Any], data: memoryview, template: Any) -> Any:

@@ -7,7 +7,7 @@ import numpy as np
 from cablejax.io.ply import INTENSITY_NAMES
 from cablejax.io.raw import BadFile, RawCloud, as_color
 from cablejax.io.records import RecordBlock
-from cablejax.io.text import parse_rows
+from cablejax.io.text import parse_rows, split_lines
 
 KINDS = {("F", 4): "<f4", ("F", 8): "<f8", ("I", 1): "i1", ("I", 2): "<i2", ("I", 4): "<i4", ("I", 8): "<i8",
          ("U", 1): "u1", ("U", 2): "<u2", ("U", 4): "<u4", ("U", 8): "<u8"}  # fmt: skip
@@ -137,7 +137,7 @@ def _unique_fields(names: list[str], cells: list[str], repeats: list[int]) -> li
 
 
 def _ascii(data: bytes, header: Header) -> np.ndarray:
-    lines = [line for line in data.decode("latin-1").splitlines() if line.strip()]
+    lines = [line for line in split_lines(data.decode("latin-1")) if line.strip()]
     _check_count(len(lines), header.n)
     rows = np.zeros(header.n, header.dtype)
     if not lines:

@@ -6,7 +6,7 @@ import numpy as np
 
 from cablejax.io.raw import BadFile, RawCloud, as_color
 from cablejax.io.records import RecordBlock
-from cablejax.io.text import parse_rows
+from cablejax.io.text import parse_rows, split_lines
 
 TYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
@@ -55,7 +55,7 @@ def parse_header(data: bytes) -> Header:
     if not data.startswith(b"ply") or end < 0 or size == 0:
         raise BadFile("is no PLY file: its header has no beginning or no end")
     order, elements = "", []
-    for line in data[:end].decode("latin-1").splitlines()[1:]:
+    for line in split_lines(data[:end].decode("latin-1"))[1:]:
         words = line.split()
         if not words or words[0] in ("comment", "obj_info"):
             continue
@@ -148,7 +148,7 @@ def _fixed_size(element: Element) -> int:
 def _ascii_vertices(data: bytes, header: Header) -> np.ndarray:
     at = header.vertex_index()
     vertex, dtype = header.elements[at], vertex_dtype(header)
-    lines = [line for line in data[header.size :].decode("latin-1").splitlines() if line.strip()]
+    lines = [line for line in split_lines(data[header.size :].decode("latin-1")) if line.strip()]
     start = sum(element.n for element in header.elements[:at])
     block = lines[start : start + vertex.n]
     if len(block) < vertex.n:

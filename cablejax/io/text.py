@@ -8,11 +8,11 @@ import numpy as np
 from cablejax.io.raw import BadFile, RawCloud, as_color
 
 COMMENTS = ("#", "//", "%")
-NUMBER = re.compile(r"[+-]?(\d+\.?\d*([eEdD][+-]?\d+)?|\.\d+([eEdD][+-]?\d+)?|nan|inf(inity)?)", re.IGNORECASE)
+NUMBER = re.compile(r"[+-]?((\d+\.?\d*|\.\d+)(e[+-]?\d+)?|nan|inf(inity)?)", re.IGNORECASE)
 COLUMN_NAMES = {
-    "x": ("x", "x_mm", "x_m", "easting"),
-    "y": ("y", "y_mm", "y_m", "northing"),
-    "z": ("z", "z_mm", "z_m", "height", "elevation"),
+    "x": ("x", "easting"),
+    "y": ("y", "northing"),
+    "z": ("z", "height", "elevation"),
     "r": ("r", "red"),
     "g": ("g", "green"),
     "b": ("b", "blue"),
@@ -77,10 +77,18 @@ def text_lines(data: bytes) -> list[str]:
         BadFile: If the bytes are no text.
     """
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
-        return data.decode("utf-16", errors="replace").splitlines()
+        return split_lines(data.decode("utf-16", errors="replace"))
     if b"\0" in data:
         raise BadFile("is no text file: it holds binary data")
-    return data.removeprefix(b"\xef\xbb\xbf").decode("latin-1").splitlines()
+    return split_lines(data.removeprefix(b"\xef\xbb\xbf").decode("latin-1"))
+
+
+def split_lines(text: str) -> list[str]:
+    """Lines of text with any kind of line end.
+
+    `str.splitlines` would also break at other control characters, among them a byte of letters such as the UTF-8 of Å.
+    """
+    return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
 
 
 def split_row(line: str) -> list[str]:

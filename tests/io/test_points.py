@@ -44,6 +44,7 @@ GOOD = {
     "padded.pcd": pcd(b"\0" * 3 + LITTLE + b"\0", fields="_ x y z _", size="1 4 4 4 1", kind="U F F F U",
                       extra="COUNT 3 1 1 1 1\n", data="binary"),
     "spaces.xyz": "1 2 3\n",
+    "letters.txt": "# scanned in Ålesund\n1 2 3\n",  # Å ends in a byte that Python takes for a line end
     "tabs.txt": "# a comment\n\n1\t2\t3\n",
     "commas.csv": "1,2,3\n",
     "trailing.csv": "1,2,3,\n",
