@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from cablejax.measure.alignment import Profile
 from cablejax.measure.fit import CableFit
 from cablejax.measure.result import BudgetLine
 
@@ -17,19 +18,21 @@ def noise_bias_mm(fit: CableFit) -> float:
 
 
 def uncertainty_budget(
-    fit: CableFit, *, registration_std_mm: float, scale_std: float, filter_std_mm: float
+    fit: CableFit, profile: Profile | None, *, scale_std: float, filter_std_mm: float
 ) -> list[BudgetLine]:
     """Sources of uncertainty of the diameter, each with its standard deviation in mm.
 
     Args:
         fit: The fit of axis and radius.
-        registration_std_mm: Standard deviation of the stations' alignment, across the cable; 0 for a single station.
+        profile: Errors shared by whole directions, as of stations that do not fit together; None where unknown.
         scale_std: Relative standard deviation of the scanner's scale.
         filter_std_mm: Standard deviation of the diameter that a filter applied before has left.
     """
     random = 2 * fit.random_mm
-    # The larger of the two estimates stands; what exceeds independent noise is shown as a line of its own.
+    # What exceeds independent noise is shown as lines of its own, one estimate from short patches, one from directions.
     correlated = 2 * float(np.sqrt(max(fit.clustered_mm**2 - fit.random_mm**2, 0.0)))
+    shared = 0.0 if profile is None else 2 * float(np.sqrt(max(profile.std_mm**2 - fit.random_mm**2, 0.0)))
+    depth = 0.0 if profile is None else profile.shared_mm
     seen = int((fit.weight > 0).sum())
     lines = [
         BudgetLine(
@@ -45,6 +48,12 @@ def uncertainty_budget(
             "excess of the variance between patches of 15 degrees and one diameter over that of single points",
         ),
         BudgetLine(
+            "alignment of the stations",
+            shared,
+            "A",
+            f"errors of {depth:.2g} mm that whole directions share, from the mean residual around the circumference",
+        ),
+        BudgetLine(
             "noise along the surface",
             noise_bias_mm(fit) / np.sqrt(3),
             "B",
@@ -52,7 +61,6 @@ def uncertainty_budget(
         ),
     ]
     given = [
-        (registration_std_mm, "registration", "alignment of the stations as given"),
         (scale_std * 2 * fit.radius_mm, "scale", "scale of the scanner as given"),
         (filter_std_mm, "filter", "left by the filter as given"),
     ]

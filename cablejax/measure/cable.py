@@ -5,9 +5,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Num
+from jaxtyping import Float, Int, Num
 
 from cablejax.measure.advice import arc_too_small, check_cloud, nothing_found, warnings_about
+from cablejax.measure.alignment import Profile, blocks, shared_errors
 from cablejax.measure.axis import Axis, locate, smoothed, trimmed
 from cablejax.measure.bend import tightest_bend
 from cablejax.measure.budget import COVERAGE, combined, noise_bias_mm, uncertainty_budget
@@ -77,7 +78,7 @@ def _tube(axis: Axis, radius: float, xyz: np.ndarray, planes: list[Plane], width
     return rows[inside & (np.abs(distance - radius) < width)]
 
 
-def _fit(xyz: np.ndarray, way: Walk, planes: list[Plane]) -> tuple[CableFit, np.ndarray]:
+def _fit(xyz: np.ndarray, station: np.ndarray | None, way: Walk, planes: list[Plane]) -> tuple[CableFit, np.ndarray]:
     """Fit axis and radius to the full cloud about a walk; the rows that took part."""
     radius = way.radius_mm
     axis = smoothed(way.axis, knot_mm=4 * radius, step=0.2 * radius, extend_mm=2 * radius)
@@ -96,10 +97,15 @@ def _fit(xyz: np.ndarray, way: Walk, planes: list[Plane]) -> tuple[CableFit, np.
         width = float(np.clip(4.5 * fit.noise_mm, 0.3 * radius, 0.8 * radius))
     if fit is None or len(rows) < MIN_ON_CABLE:
         raise MeasureError(f"Too few points on the cable: {len(rows)} where at least {MIN_ON_CABLE} are needed.")
+    if station is not None and len(np.unique(station[rows])) > 1:
+        pieces = max(1, min(8, len(rows) // (500 * len(np.unique(station[rows])))))
+        fit = fit_cable(xyz[rows], fit.axis, fit.radius_mm, block=blocks(station[rows], fit.place.s, pieces=pieces))
     return fit, rows
 
 
-def _best(xyz: np.ndarray, find: Find, settings: MeasureSettings) -> tuple[CableFit, np.ndarray, Sections, float]:
+def _best(
+    xyz: np.ndarray, station: np.ndarray | None, find: Find, settings: MeasureSettings
+) -> tuple[CableFit, np.ndarray, Sections, float]:
     """Fit the walks in turn until one shows enough of its circumference; the first one's failure if none does.
 
     Raises:
@@ -108,7 +114,7 @@ def _best(xyz: np.ndarray, find: Find, settings: MeasureSettings) -> tuple[Cable
     failure: MeasureError | None = None
     for way in find.walks:
         try:
-            fit, rows = _fit(xyz, way, find.planes)
+            fit, rows = _fit(xyz, station, way, find.planes)
         except MeasureError as error:
             failure = failure or error
             continue
@@ -127,10 +133,17 @@ def _sections(fit: CableFit, settings: MeasureSettings) -> Sections:
     return cut(fit, step_mm=max(step, length / 200))
 
 
-def _headline(fit: CableFit, shape: Oval | None) -> float:
-    """The diameter reported: of the circle, or of the oval where the scan shows a certain one; noise bias taken off."""
-    certain = shape is not None and shape.maximum_mm - shape.minimum_mm > 4 * shape.amplitude_std_mm
-    mean = shape.diameter_mm if shape is not None and certain else 2 * fit.radius_mm
+def _headline(fit: CableFit, shape: Oval | None, profile: Profile | None) -> float:
+    """The diameter reported: of the circle with shared errors allowed for, or of an oval much larger than those.
+
+    The widening by noise is taken off.
+    """
+    shared = 0.0 if profile is None else profile.shared_mm
+    unsure = 0.0 if shape is None else max(shape.amplitude_std_mm, 4 * shared)
+    if shape is not None and shape.maximum_mm - shape.minimum_mm > 4 * unsure:
+        mean = shape.diameter_mm
+    else:
+        mean = 2 * (fit.radius_mm + (0.0 if profile is None else profile.correction_mm))
     return mean - noise_bias_mm(fit)
 
 
@@ -161,6 +174,7 @@ def _painted(fit: CableFit, rows: np.ndarray, n: int) -> _Painted:
 def measure_cable(
     cloud_or_xyz_mm: PointCloud | Num[np.ndarray, "n 3"],
     *,
+    station: Int[np.ndarray, " n"] | None = None,
     catalogue: Mapping[str, float] | None = None,
     settings: MeasureSettings | None = None,
 ) -> CableMeasurement:
@@ -173,6 +187,8 @@ def measure_cable(
     Args:
         cloud_or_xyz_mm: The scan `[n, 3]` in millimetres, or a padded cloud. Rows with NaN are passed over. float64 is
             kept where it is given.
+        station: Number of the scanner position of each point `[n]`, where the scan was put together from several: each
+            position's shift is then fitted as well, and does not widen the diameter.
         catalogue: Overall diameter in mm of each nominal size by name, to tell the size from the diameter.
         settings: Thresholds and what is known of the scanner.
 
@@ -197,7 +213,7 @@ def measure_cable(
     shift = np.median(every[valid], axis=0)  # keeps the arithmetic near the origin
     xyz = every[valid] - shift
     find = find_cables(xyz, rng=np.random.default_rng(settings.seed))
-    fit, rows, sections, arc = _best(xyz, find, settings)
+    fit, rows, sections, arc = _best(xyz, None if station is None else np.asarray(station)[valid], find, settings)
     return _assembled(every, valid, shift, fit, rows, sections, arc, find, catalogue, settings)
 
 
@@ -215,10 +231,12 @@ def _assembled(
 ) -> CableMeasurement:
     """The result from the fit: numbers, budget, nominal size and warnings."""
     shape = oval(fit) if arc >= settings.oval_arc_deg else None
-    diameter = _headline(fit, shape)
+    angle = np.arctan2(fit.place.v, fit.place.u)
+    profile = shared_errors(angle, fit.residual_mm, fit.weight, given_std_mm=settings.registration_std_mm)
+    diameter = _headline(fit, shape, profile)
     lines = uncertainty_budget(
         fit,
-        registration_std_mm=settings.registration_std_mm,
+        profile,
         scale_std=settings.scale_std,
         filter_std_mm=settings.filter_std_mm,
     )

@@ -8,9 +8,9 @@ surface seen in all sections together says much: one radius and a smooth axis ar
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.interpolate import BSpline
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, hstack
 
 from cablejax.measure.axis import Axis, Place, locate, sampled, trimmed
 from cablejax.measure.errors import MeasureError
@@ -29,7 +29,7 @@ class CableFit(NamedTuple):
         noise_mm: Robust standard deviation of the residuals.
         random_mm: Standard deviation of the radius if residuals are independent.
         clustered_mm: The same if they are independent only between patches (`SECTOR_DEG` wide, a diameter long).
-        place: Cable coordinates of the points given `[n]`.
+        place: Cable coordinates of the points given `[n]`, shifts of stations taken off.
         residual_mm: Their distance from the surface `[n]`, positive outside.
         weight: Tukey weights `[n]`, 0 for outliers.
     """
@@ -81,18 +81,21 @@ def _normal(basis: csr_array, cos: np.ndarray, sin: np.ndarray, weight: np.ndarr
     return normal
 
 
-def _smoothing(m: int, points: float) -> np.ndarray:
+def _smoothing(m: int, stations: int, points: float) -> np.ndarray:
     """A faint pull on the offsets and their second differences, so that a gap in the scan does not leave the axis loose.
 
-    It weighs 1e-4 of a knot's share of the points; the pull to no change at all a ten-thousandth of that.
+    It weighs 1e-4 of a knot's share of the points; the pull to no change at all a ten-thousandth of that. Shifts of
+    stations are pulled to zero with 1e-3 of their share, which decides what an axis and its stations have in common.
     """
     strength = 1e-4 * points / m
-    penalty = np.diag(np.append(np.full(2 * m, 1e-4 * strength), 0.0))
+    block = np.diag(np.append(np.full(m, 1e-4 * strength), np.full(stations, 1e-3 * points / max(stations, 1))))
     if m > 2:
         difference = np.diff(np.eye(m), n=2, axis=0)
-        block = strength * difference.T @ difference
-        penalty[:m, :m] += block
-        penalty[m : 2 * m, m : 2 * m] += block
+        block[:m, :m] += strength * difference.T @ difference
+    width = m + stations
+    penalty = np.zeros((2 * width + 1, 2 * width + 1))
+    penalty[:width, :width] = block
+    penalty[width : 2 * width, width : 2 * width] = block
     return penalty
 
 
@@ -109,15 +112,69 @@ def tukey(residual: Float[np.ndarray, " n"], scale: float) -> Float[np.ndarray, 
     return np.where(np.abs(ratio) < 1, (1 - ratio**2) ** 2, 0.0)
 
 
-def _clustered(fit_rows: csr_array, cos, sin, influence, inverse_row, patches) -> float:
-    """Standard deviation of the radius with residuals summed over patches first (a sandwich estimate)."""
-    m = _columns(fit_rows)
-    lever = -(cos * (fit_rows @ inverse_row[:m]) + sin * (fit_rows @ inverse_row[m : 2 * m]) + inverse_row[-1])
-    sums = np.bincount(patches, weights=lever * influence)
-    return float(np.sqrt(np.sum(sums**2)))
+class _Design(NamedTuple):
+    """What a point's offset consists of: the axis's splines, then one column for each stretch of a station.
+
+    Attributes:
+        place: Cable coordinates of the points.
+        columns: Values `[n, splines + stretches]`, for the offsets along either frame vector.
+        splines: How many columns are the axis's.
+    """
+
+    place: Place
+    columns: csr_array
+    splines: int
+
+    @property
+    def stretches(self) -> int:
+        """How many columns are shifts of stations."""
+        return _columns(self.columns) - self.splines
 
 
-def fit_cable(xyz: Float[np.ndarray, "n 3"], axis: Axis, radius_mm: float, *, knot_diameters: float = 1.0) -> CableFit:
+def _design(xyz: np.ndarray, axis: Axis, knot: float, block: np.ndarray | None) -> _Design:
+    place = locate(axis, xyz)
+    basis = _basis(place.s, axis, knot)
+    splines = _columns(basis)
+    if block is not None:
+        rows = np.arange(len(xyz))
+        shifts = csr_array((np.ones(len(xyz)), (rows, block)), shape=(len(xyz), int(block.max()) + 1))
+        basis = csr_array(hstack([basis, shifts], format="csr"))
+    return _Design(place, basis, splines)
+
+
+def _polar(design: _Design, change: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Distance, cosine and sine of the points about the axis moved by `change`."""
+    width = _columns(design.columns)
+    u = design.place.u - design.columns @ change[:width]
+    v = design.place.v - design.columns @ change[width : 2 * width]
+    distance = np.maximum(np.hypot(u, v), 1e-9)
+    return distance, u / distance, v / distance
+
+
+def _solve(design: _Design, radius: float, change: np.ndarray) -> np.ndarray:
+    """Four reweighted Gauss-Newton steps on (offsets along u, offsets along v, radius)."""
+    for _ in range(4):
+        distance, cos, sin = _polar(design, change)
+        residual = distance - radius - change[-1]
+        weight = tukey(residual, _scale(residual, radius))
+        if weight.sum() < len(change):
+            raise MeasureError("No cable found: the points do not lie on one smooth round surface.")
+        basis = design.columns
+        pull = _smoothing(design.splines, design.stretches, weight.sum())
+        pulled = np.concatenate([basis.T @ (weight * cos * residual), basis.T @ (weight * sin * residual)])
+        right = np.append(pulled, (weight * residual).sum()) - pull @ change
+        change = change + np.linalg.solve(_normal(basis, cos, sin, weight) + pull, right)
+    return change
+
+
+def fit_cable(
+    xyz: Float[np.ndarray, "n 3"],
+    axis: Axis,
+    radius_mm: float,
+    *,
+    knot_diameters: float = 1.0,
+    block: Int[np.ndarray, " n"] | None = None,
+) -> CableFit:
     """Fit one radius and a smooth axis to points that are mostly the cable's.
 
     Gauss-Newton on the distance to the axis, with Tukey's weights from the residuals' own scale. Between iterations the
@@ -129,58 +186,60 @@ def fit_cable(xyz: Float[np.ndarray, "n 3"], axis: Axis, radius_mm: float, *, kn
         radius_mm: Where to begin.
         knot_diameters: Distance between knots of the axis, in diameters. Cubic splines one diameter apart follow a bend
             of 15 diameters to 4e-6 of the diameter.
+        block: Number of the stretch of a station that each point belongs to `[n]`, from 0 without gaps. Each stretch gets
+            a shift of its own across the cable.
 
     Raises:
         MeasureError: If fewer points keep weight than the fit has unknowns.
     """
     radius = radius_mm
     knot = knot_diameters * 2 * radius_mm
+    shifts: np.ndarray | None = None
     for _ in range(OUTER):
         ends = locate(axis, xyz).s
         axis = trimmed(axis, float(ends.min()), float(ends.max()))
-        place = locate(axis, xyz)
-        basis = _basis(place.s, axis, knot)
-        m = _columns(basis)
-        distance = np.maximum(np.hypot(place.u, place.v), 1e-9)
-        cos, sin = place.u / distance, place.v / distance
-        change = np.zeros(2 * m + 1)
-        residual = distance - radius
-        for _ in range(4):
-            scale = _scale(residual, radius)
-            weight = tukey(residual, scale)
-            if weight.sum() < 2 * m + 1:
-                raise MeasureError("No cable found: the points do not lie on one smooth round surface.")
-            normal = _normal(basis, cos, sin, weight) + _smoothing(m, weight.sum())
-            bent = np.concatenate([basis.T @ (weight * cos * residual), basis.T @ (weight * sin * residual)])
-            change += np.linalg.solve(normal, np.append(bent, (weight * residual).sum()))
-            du, dv = place.u - basis @ change[:m], place.v - basis @ change[m : 2 * m]
-            moved = np.maximum(np.hypot(du, dv), 1e-9)
-            cos, sin = du / moved, dv / moved
-            residual = moved - radius - change[-1]
+        design = _design(xyz, axis, knot, block)
+        m, width = design.splines, _columns(design.columns)
+        start = np.zeros(2 * width + 1)
+        if shifts is not None:
+            start[m:width], start[width + m : 2 * width] = shifts
+        change = _solve(design, radius, start)
         radius += float(change[-1])
-        axis = _moved(axis, _basis(axis.s, axis, knot), change)
-        if np.abs(change).max() < 1e-5 * radius:
+        shifts = np.stack([change[m:width], change[width + m : 2 * width]])
+        bend = np.concatenate([change[:m], change[width : width + m]])
+        axis = _moved(axis, _basis(axis.s, axis, knot), bend)
+        if max(np.abs(bend).max(), abs(change[-1])) < 1e-5 * radius:
             break
-    return _finished(xyz, axis, radius, knot)
+    return _finished(_design(xyz, axis, knot, block), axis, radius, shifts)
 
 
-def _finished(xyz: np.ndarray, axis: Axis, radius: float, knot: float) -> CableFit:
+def _finished(design: _Design, axis: Axis, radius: float, shifts: np.ndarray | None) -> CableFit:
     """Residuals, weights and the radius's standard deviations at the solution."""
-    place = locate(axis, xyz)
-    basis = _basis(place.s, axis, knot)
-    m = _columns(basis)
-    distance = np.maximum(np.hypot(place.u, place.v), 1e-9)
-    cos, sin, residual = place.u / distance, place.v / distance, distance - radius
+    m, width = design.splines, _columns(design.columns)
+    still = np.zeros(2 * width + 1)
+    if shifts is not None:
+        still[m:width], still[width + m : 2 * width] = shifts
+    distance, cos, sin = _polar(design, still)
+    residual = distance - radius
     scale = _scale(residual, radius)
     weight = tukey(residual, scale)
-    normal = _normal(basis, cos, sin, weight) + _smoothing(m, weight.sum())
-    inverse_row = np.linalg.solve(normal, np.eye(2 * m + 1)[-1])
-    influence = weight * residual
-    spread = float(np.sqrt(np.sum(weight * influence * residual) / max(weight.sum(), 1e-9)))
-    lever = cos * (basis @ inverse_row[:m]) + sin * (basis @ inverse_row[m : 2 * m]) + inverse_row[-1]
-    random = float(np.sqrt(np.sum((lever * influence) ** 2)))
-    sector = np.floor((np.degrees(np.arctan2(place.v, place.u)) + 180) / SECTOR_DEG).astype(int)
-    slab = np.floor((place.s - place.s.min()) / (2 * radius)).astype(int)
-    patches = slab * int(360 / SECTOR_DEG + 1) + sector
-    clustered = _clustered(basis, cos, sin, influence, inverse_row, patches)
-    return CableFit(axis, radius, max(scale, spread), random, clustered, place, residual, weight)
+    basis = design.columns
+    normal = _normal(basis, cos, sin, weight) + _smoothing(m, design.stretches, weight.sum())
+    row = np.linalg.solve(normal, np.eye(2 * width + 1)[-1])
+    spread = float(np.sqrt(np.sum((weight * residual) ** 2) / max(weight.sum(), 1e-9)))
+    # How far each point's residual moves the radius: summed one by one, and over patches first (a sandwich estimate).
+    pull = (cos * (basis @ row[:width]) + sin * (basis @ row[width : 2 * width]) + row[-1]) * weight * residual
+    sector = np.floor((np.degrees(np.arctan2(sin, cos)) + 180) / SECTOR_DEG).astype(int)
+    slab = np.floor((design.place.s - design.place.s.min()) / (2 * radius)).astype(int)
+    patches = np.bincount(slab * int(360 / SECTOR_DEG + 1) + sector, weights=pull)
+    place = Place(design.place.s, distance * cos, distance * sin)
+    return CableFit(
+        axis,
+        radius,
+        max(scale, spread),
+        float(np.linalg.norm(pull)),
+        float(np.linalg.norm(patches)),
+        place,
+        residual,
+        weight,
+    )
