@@ -2,13 +2,21 @@
 
 import contextlib
 import errno
+import glob
 import os
 import secrets
+import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import BinaryIO
+from typing import IO, BinaryIO
+
+try:
+    import fcntl
+except ImportError:  # Windows: parts of killed writes stay
+    fcntl = None
 
 PART_SUFFIX = ".part"
+STALE_S = 60.0
 
 
 @contextlib.contextmanager
@@ -38,7 +46,9 @@ def atomic_write(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
     target = Path(os.path.realpath(path))
     part = target.with_name(f".{target.name}.{secrets.token_hex(4)}{PART_SUFFIX}")
     try:
+        sweep(target)
         with part.open("x+b") as file:
+            lock(file)
             yield file
             file.flush()
             os.fsync(file.fileno())
@@ -50,6 +60,25 @@ def atomic_write(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
         raise _worded(error, path) from error
     finally:
         part.unlink(missing_ok=True)
+
+
+def lock(file: IO[bytes]) -> bool:
+    """Mark an open file as in use, until it is closed or its process dies; False where another process has done so."""
+    if fcntl is None:
+        return False
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True
+
+
+def sweep(target: Path) -> None:
+    """Remove what killed writes of a file left behind: hidden parts that are a minute old and that nobody holds."""
+    for part in target.parent.glob(f".{glob.escape(target.name)}.????????{PART_SUFFIX}"):
+        with contextlib.suppress(OSError), part.open("rb") as file:
+            if time.time() - part.stat().st_mtime > STALE_S and lock(file):
+                part.unlink()
 
 
 def remove_parts(folder: Path, name: str) -> None:

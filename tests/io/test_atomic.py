@@ -6,6 +6,7 @@ import stat
 import pytest
 
 from cablejax.io import atomic_write
+from cablejax.io.atomic import lock
 
 
 def test_an_error_inside_leaves_the_old_file(tmp_path):
@@ -51,3 +52,22 @@ def test_a_new_file_follows_the_umask(tmp_path):
 def test_a_missing_folder_is_an_error(tmp_path):
     with pytest.raises(FileNotFoundError), atomic_write(tmp_path / "absent" / "a"):
         pass
+
+
+@pytest.mark.skipif(os.name != "posix", reason="file locks")
+def test_parts_of_killed_writes_are_swept_and_others_stay(tmp_path):
+    stale, held, fresh, other = (
+        tmp_path / name for name in (".a.0badcafe.part", ".a.11111111.part", ".a.22222222.part", ".ab.33333333.part")
+    )
+    for part in (stale, held, fresh, other):
+        part.write_bytes(b"half")
+    for part in (stale, held, other):
+        os.utime(part, (0, 0))
+    with held.open("rb") as file:
+        assert lock(file)
+        with atomic_write(tmp_path / "a") as new:
+            new.write(b"whole")
+    assert not stale.exists()
+    assert held.exists()
+    assert fresh.exists()
+    assert other.exists()
