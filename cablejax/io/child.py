@@ -78,7 +78,8 @@ def _check_las_count(file: BinaryIO, header: Any) -> None:
     if header.are_points_compressed:
         _check_laz_count(file, header)
         return
-    ends = [os.fstat(file.fileno()).st_size, header.start_of_first_evlr, header.start_of_waveform_data_packet_record]
+    ends = [os.fstat(file.fileno()).st_size, header.start_of_waveform_data_packet_record]
+    ends += [header.start_of_first_evlr] if header.number_of_evlrs else []
     held = (min(end for end in ends if end) - header.offset_to_point_data) // width
     if held < promised:
         raise Damaged(f"is truncated: its header promises {promised:,} points, {max(0, held):,} are there")
