@@ -10,7 +10,9 @@ from cablejax.simulate.profiles import Profile, ProfiledTube, make_profiled
 from cablejax.simulate.scanner import Scan, scan_scene, simulate_scan
 from cablejax.simulate.scenes import SCENES, make_scene
 from cablejax.simulate.shapes import SHAPES, Tube, make_tube
+from cablejax.simulate.stored import load_arrays, load_split, save_split
 from cablejax.simulate.surface import Part, SurfacePoint, locate, signed_distance
+from cablejax.simulate.user_catalogue import read_catalogue
 
 __all__ = [
     "PRESETS",
@@ -31,6 +33,8 @@ __all__ = [
     "add_noise",
     "bare",
     "catalogue",
+    "load_arrays",
+    "load_split",
     "locate",
     "make_profiled",
     "make_scene",
@@ -39,7 +43,9 @@ __all__ = [
     "neighbours",
     "noise_mm",
     "nominal_probabilities",
+    "read_catalogue",
     "sample_clouds",
+    "save_split",
     "scan_scene",
     "scanner",
     "signed_distance",

@@ -19,6 +19,9 @@ SEMICONDUCTING_SCREENS_MM = 3.0  # Annex A: added to the core's diameter for its
 # Table A.3: metallic screens up to 4 mm2 add 0.5 mm. One copper tape 0.1 mm x 35 mm, overlapping, is 3.5 mm2.
 METALLIC_SCREEN_MM = 0.5
 LEAST_SHEATH_MM = 1.4
+LEAST_ARMOURED_SHEATH_MM = 1.8  # over armour
+# Diameter of round armour wires by the largest fictitious diameter under the armour that they are for, in mm.
+ARMOUR_WIRE_MM = ((10.0, 0.8), (15.0, 1.25), (25.0, 1.6), (35.0, 2.0), (60.0, 2.5), (math.inf, 3.15))
 
 
 @dataclass(frozen=True)
@@ -66,8 +69,20 @@ def sheath_mm(under_mm: float, *, least_mm: float = LEAST_SHEATH_MM) -> float:
     return max(least_mm, tenth(round(0.035 * under_mm + 1.0, 6)))
 
 
-def iec_cable(size_mm2: int, voltage_kv: str) -> Cable:
-    """Dimensions of an unarmoured single-core XLPE cable with a copper tape screen.
+def over_armour_mm(under_mm: float) -> float:
+    """Diameter over round armour wires: an inner sheath of 0.02 D + 0.6, not below 1.2 mm, and the wires.
+
+    Example:
+        >>> over_armour_mm(30.5)  # + 2 x 1.2 + 2 x 2.0
+        36.9
+    """
+    bedded = under_mm + 2 * max(1.2, tenth(round(0.02 * under_mm + 0.6, 6)))
+    wire = next(wire for most, wire in ARMOUR_WIRE_MM if bedded <= most)
+    return round(bedded + 2 * wire, 6)
+
+
+def iec_cable(size_mm2: int, voltage_kv: str, *, armoured: bool = False) -> Cable:
+    """Dimensions of a single-core XLPE cable with a copper tape screen, without armour or with round wires.
 
     The fictitious diameters of IEC 60502-2, Annex A, stand for the real ones: d_L + 2 t_i + 3.0 over the screened
     core, + 0.5 over the tape, and twice the sheath. The 1.4 mm least sheath supposes a separator over the tape.
@@ -81,9 +96,11 @@ def iec_cable(size_mm2: int, voltage_kv: str) -> Cable:
         raise ValueError(f"size_mm2: expected one of {list(CONDUCTOR_MM)}, got {size_mm2!r}")
     conductor, insulation = CONDUCTOR_MM[size_mm2], XLPE_MM[voltage_kv]
     under = conductor + 2 * insulation + SEMICONDUCTING_SCREENS_MM + METALLIC_SCREEN_MM
-    sheath = sheath_mm(under)
+    if armoured:
+        under = over_armour_mm(under)
+    sheath = sheath_mm(under, least_mm=LEAST_ARMOURED_SHEATH_MM if armoured else LEAST_SHEATH_MM)
     return Cable(
-        name=f"XLPE {size_mm2} mm2 {voltage_kv} kV",
+        name=f"XLPE {size_mm2} mm2 {voltage_kv} kV" + (" armoured" if armoured else ""),
         size_mm2=size_mm2,
         voltage_kv=voltage_kv,
         diameter_mm=round(under + 2 * sheath, 6),
@@ -94,8 +111,8 @@ def iec_cable(size_mm2: int, voltage_kv: str) -> Cable:
     )
 
 
-def catalogue(voltage: str = "8.7/15") -> tuple[Cable, ...]:
-    """Single-core XLPE cables of one voltage class, smallest first.
+def catalogue(voltage: str = "8.7/15", *, armoured: bool = False) -> tuple[Cable, ...]:
+    """Single-core XLPE cables of one voltage class, smallest first; `armoured` with (non-magnetic) round wires.
 
     Example:
         >>> cables = catalogue()
@@ -104,7 +121,7 @@ def catalogue(voltage: str = "8.7/15") -> tuple[Cable, ...]:
     """
     if voltage not in XLPE_MM:
         raise ValueError(f"voltage: expected one of {', '.join(XLPE_MM)}, got {voltage!r}")
-    return tuple(iec_cable(size, voltage) for size in CONDUCTOR_MM if size >= SMALLEST_MM2[voltage])
+    return tuple(iec_cable(size, voltage, armoured=armoured) for size in CONDUCTOR_MM if size >= SMALLEST_MM2[voltage])
 
 
 def nominal_probabilities(diameter_mm: float | int, std_mm: float | int, cables: Sequence[Cable]) -> dict[str, float]:

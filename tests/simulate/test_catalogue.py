@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from cablejax.simulate import catalogue, nominal_probabilities
+from cablejax.simulate import catalogue, nominal_probabilities, read_catalogue
 from cablejax.simulate.catalogue import tenth
 
 
@@ -24,6 +24,48 @@ def test_sizes_grow_and_are_named_apart():
         steps = np.diff([cable.diameter_mm for cable in cables])
         assert steps.min() > 1.0
         assert steps.max() < 3.6
+
+
+def test_armoured_cable_by_hand():
+    cables = {cable.size_mm2: cable for cable in catalogue(armoured=True)}
+    # 240 mm2: 17.5 + 9.0 + 3.5 = 30.0 under; bedding max(1.2, 1.2) -> 32.4; wires 2.0 -> 36.4;
+    # sheath 0.035 x 36.4 + 1.0 = 2.274 -> 2.3 -> 41.0
+    assert (cables[240].sheath_mm, cables[240].diameter_mm) == (2.3, 41.0)
+    # 25 mm2: 18.1 + 2.4 = 20.5; wires 1.6 -> 23.7; sheath 1.83 -> 1.8, which is also the least -> 27.3
+    assert (cables[25].sheath_mm, cables[25].diameter_mm) == (1.8, 27.3)
+
+
+GOOD = "- {name: b, size_mm2: 240, diameter_mm: 35.1, source: s}\n- {name: a, size_mm2: 95, diameter_mm: 27, source: s}"
+
+
+def test_own_cables_are_sorted_by_diameter(tmp_path):
+    file = tmp_path / "own.yaml"
+    file.write_text(GOOD)
+    cables = read_catalogue(file)
+    assert [cable.name for cable in cables] == ["a", "b"]
+    assert cables[0].diameter_mm == 27.0
+    assert math.isnan(cables[0].sheath_mm)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "expected a list of cables, got NoneType"),
+        ("a: [", "expected YAML"),
+        ("name: a", "expected a list of cables, got dict"),
+        ("- 3", "cable 1: expected a mapping, got int"),
+        ("- {name: a, size_mm2: 3, source: s}", "cable 1: expected 'diameter_mm'"),
+        ("- {name: a, size_mm2: 3, source: s, diameter_mm: wide}", "cable 1, diameter_mm: expected a number above 0"),
+        ("- {name: a, size_mm2: 3, source: s, diameter_mm: .nan}", "diameter_mm: expected a number above 0, got nan"),
+        ("- {name: a, size_mm2: 3, source: s, diameter_mm: 3, colour: red}", "got 'colour'"),
+        (GOOD.replace("name: a", "name: b"), "expected different names, got 'b'"),
+    ],
+)
+def test_own_cables_refused_with_the_place(tmp_path, text, words):
+    file = tmp_path / "own.yaml"
+    file.write_text(text)
+    with pytest.raises(ValueError, match=f"{file}: .*{words}|{file}: {words}"):
+        read_catalogue(file)
 
 
 def test_halves_round_up():
