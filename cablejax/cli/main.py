@@ -77,7 +77,15 @@ def _register(sub: argparse._SubParsersAction) -> None:
     parser.add_argument("--unit", choices=UNITS, help="unit of both files (default: mm, with a warning)")
     parser.add_argument("--output", metavar="FILE", help="write the moved source")
     parser.add_argument("--method", choices=("point", "plane", "gicp"), default="plane", help="default: plane")
+    parser.add_argument("--kernel", choices=("none", "huber", "cauchy", "tukey"), default="none", help="default: none")
     parser.add_argument("--max-distance", type=float, metavar="MM", help="between partners (default: from the spacing)")
+    parser.add_argument(
+        "--voxels",
+        type=float,
+        nargs="+",
+        metavar="MM",
+        help="from coarse to fine: 500 250 125, partners within 4 voxels",
+    )
 
 
 def _simulate(sub: argparse._SubParsersAction) -> None:

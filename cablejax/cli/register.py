@@ -12,11 +12,22 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
     if options.output is not None:
         check_output(options.output, WRITABLE)
     source, target = load(options, options.source), load(options, options.target)
-    from cablejax.registration import icp
+    from cablejax.registration import icp, register
     from cablejax.types import Status, describe
 
     say(options, f"registering {len(source.xyz_mm):,} points onto {len(target.xyz_mm):,}")
-    found = icp(source.xyz_mm, target.xyz_mm, method=options.method, max_distance=options.max_distance)
+    if options.voxels:
+        found = register(
+            source.xyz_mm, target.xyz_mm, voxels=options.voxels, method=options.method, kernel=options.kernel
+        )
+    else:
+        found = icp(
+            source.xyz_mm,
+            target.xyz_mm,
+            method=options.method,
+            kernel=options.kernel,
+            max_distance=options.max_distance,
+        )
     if found.status & Status.EMPTY:
         raise NoResultError(
             f"{options.source}: too few points lie near the target: give --max-distance, or bring the scans closer first"

@@ -2,6 +2,7 @@
 
 from cablejax.registration.icp import icp
 from cablejax.registration.normals import surface_normals
+from cablejax.registration.pyramid import register, voxel_means
 from cablejax.registration.result import RegistrationResult
 
-__all__ = ["RegistrationResult", "icp", "surface_normals"]
+__all__ = ["RegistrationResult", "icp", "register", "surface_normals", "voxel_means"]

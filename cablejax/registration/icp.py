@@ -66,8 +66,8 @@ def icp(
 ) -> RegistrationResult:
     """Find the rigid motion, equation (9), that takes a source scan onto a target scan, from a start that is near.
 
-    Directions along which the surface slides on itself are found in the normals, reported and not moved along: a
-    straight cable leaves its turn about and its shift along its axis as they were.
+    Directions along which the surface slides on itself are found in the normals, reported and not moved along: of the
+    motions that fit equally well, a straight cable gets the one that moves its points least.
 
     Args:
         source: Points `[n, 3]`, or a padded cloud.

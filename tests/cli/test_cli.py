@@ -1,0 +1,178 @@
+"""The command: tables, JSON, exit codes, and one clear line for everything a user can get wrong."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from cablejax.cli import main
+from cablejax.io import read_points, write_points
+from tests.reference.circles import bent_cable
+
+HEAVY = ("open3d", "hydra", "matplotlib", "plotly", "flax", "optax")
+
+
+@pytest.fixture(scope="module")
+def scan(tmp_path_factory):
+    path = tmp_path_factory.mktemp("scans") / "cable.ply"
+    write_points(path, bent_cable(n=4000))
+    return str(path)
+
+
+def run(capsys, *arguments: str) -> tuple[int, str, str]:
+    code = main(arguments)
+    captured = capsys.readouterr()
+    return code, captured.out, captured.err
+
+
+def test_measure_prints_a_table_with_the_interval(capsys, scan):
+    code, out, err = run(capsys, "measure", scan, "--unit", "mm")
+    assert code == 0
+    assert "diameter" in out
+    assert "(95 %: 29.9" in out
+    assert "uncertainty of the diameter" in out
+    assert "measuring 4,000 points" in err
+
+
+def test_measure_as_json_is_one_object_and_nothing_else(capsys, scan):
+    code, out, err = run(capsys, "measure", scan, "--unit", "mm", "--json", "--quiet", "--catalogue", "8.7/15")
+    assert code == 0
+    assert err == ""
+    result = json.loads(out)
+    assert result["diameter_mm"] == pytest.approx(30, abs=0.05)
+    assert result["interval_mm"][0] < 30 < result["interval_mm"][1]
+    assert sum(result["nominal"].values()) == pytest.approx(1)
+
+
+def test_measure_writes_a_report(capsys, scan, tmp_path):
+    report = tmp_path / "new" / "report.html"
+    code, _, _ = run(capsys, "measure", scan, "--unit", "mm", "--report", str(report))
+    assert code == 0
+    assert "<html" in report.read_text(encoding="utf-8")
+
+
+def test_the_unit_is_taken_with_a_warning(capsys, scan):
+    _, _, err = run(capsys, "info", scan)
+    assert "warning: no --unit given" in err
+
+
+def test_info(capsys, scan):
+    code, out, _ = run(capsys, "info", scan, "--unit", "m", "--json")
+    result = json.loads(out)
+    assert code == 0
+    assert result["points"] == 4000
+    assert result["maximum_mm"][0] == pytest.approx(400_000, rel=0.01)
+
+
+def test_denoise_removes_outliers_and_keeps_the_rest_near(capsys, tmp_path):
+    source, target = tmp_path / "in.xyz", tmp_path / "out.ply"
+    xyz = np.vstack([bent_cable(n=1500), [[200.0, 0, 60], [100, 50, 50]]])
+    write_points(source, xyz)
+    code, out, _ = run(capsys, "denoise", str(source), str(target), "--unit", "mm", "--neighbors", "30", "--json")
+    result = json.loads(out)
+    cleaned = read_points(target).xyz_mm
+    assert code == 0
+    assert len(cleaned) == 1502 - result["removed"]
+    assert cleaned[:, 2].max() < 20
+    assert 0 < result["moved_rms_mm"] < 0.5
+
+
+def test_simulate_then_measure(capsys, tmp_path):
+    path = tmp_path / "simulated.ply"
+    code, out, _ = run(capsys, "simulate", str(path), "--points", "6000", "--arc", "360", "--preset", "ideal", "--json")
+    truth = json.loads(out)["true_diameter_mm"]
+    assert code == 0
+    _, out, _ = run(capsys, "measure", str(path), "--unit", "mm", "--json")
+    assert json.loads(out)["diameter_mm"] == pytest.approx(truth, abs=1e-3)
+
+
+def test_register_writes_the_moved_scan(capsys, scan, tmp_path):
+    moved, back = tmp_path / "moved.ply", tmp_path / "back.ply"
+    write_points(moved, bent_cable(n=4000, seed=3) + np.array([0.0, 0.4, -0.3]))
+    code, out, _ = run(
+        capsys, "register", str(moved), scan, "--unit", "mm", "--output", str(back), "--max-distance", "5"
+    )
+    assert code == 0
+    assert "2 of 6 directions of motion" in out
+    assert np.abs(np.hypot(*read_points(back).xyz_mm[:, 1:].T) - 15).mean() < 0.15
+
+
+REFUSALS = {
+    "missing.ply": "does not exist",
+    "empty.ply": "is empty",
+    "prose.txt": "prose.txt",
+    "folder.ply": "is a folder",
+    "plane.xyz": "lie on a plane",
+    "three.xyz": "Too few points: 3",
+    "equal.xyz": "are equal",
+    "sliver.xyz": "degrees of the circumference",
+    "misses.xyz": "at the origin",
+}
+
+
+@pytest.fixture(scope="module")
+def bad(tmp_path_factory):
+    """A folder of files that give no result."""
+    folder = tmp_path_factory.mktemp("bad")
+    rng = np.random.default_rng(0)
+    flat = np.stack([rng.uniform(0, 500, 3000), rng.uniform(0, 400, 3000), np.zeros(3000)], axis=1)
+    write_points(folder / "plane.xyz", flat)
+    write_points(folder / "three.xyz", np.eye(3))
+    write_points(folder / "equal.xyz", np.ones((100, 3)))
+    write_points(folder / "sliver.xyz", bent_cable(arc_deg=25.0, noise=0.02))
+    (folder / "empty.ply").write_text("")
+    (folder / "prose.txt").write_text("this is no cloud\nat all\n")
+    (folder / "folder.ply").mkdir()
+    (folder / "misses.xyz").write_text("0 0 0\n" * 80)
+    return folder
+
+
+@pytest.mark.parametrize("name", REFUSALS)
+def test_no_result_is_exit_code_one_and_one_line(capsys, bad, name):
+    code, out, err = run(capsys, "measure", str(bad / name), "--unit", "mm", "--quiet")
+    assert code == 1
+    assert out == ""
+    assert err.startswith("cablejax: ")
+    assert err.count("\n") == 1
+    assert REFUSALS[name] in err
+
+
+def test_a_tenth_of_nan_is_left_out(capsys, tmp_path):
+    rows = [" ".join(f"{value:.5f}" for value in row) for row in bent_cable(n=3000)]
+    rows[::10] = ["nan nan nan"] * 300
+    (tmp_path / "nan.xyz").write_text("\n".join(rows))
+    code, out, _ = run(capsys, "measure", str(tmp_path / "nan.xyz"), "--unit", "mm", "--json")
+    result = json.loads(out)
+    assert code == 0
+    assert result["dropped"] == 300
+    assert result["diameter_mm"] == pytest.approx(30, abs=0.05)
+
+
+@pytest.mark.parametrize("arguments", [[], ["measure"], ["measure", "a.ply", "--unit", "parsec"], ["polish", "a.ply"]])
+def test_wrong_usage_is_exit_code_two(capsys, arguments):
+    with pytest.raises(SystemExit) as raised:
+        main(arguments)
+    assert raised.value.code == 2
+    assert "usage: cablejax" in capsys.readouterr().err
+
+
+def test_outputs_are_checked_before_the_work(capsys, scan, tmp_path):
+    for output, reason in (("clean.docx", "endings"), ("no/such/clean.ply", "does not exist")):
+        code, _, err = run(capsys, "denoise", scan, str(tmp_path / output), "--unit", "mm")
+        assert code == 1
+        assert reason in err
+
+
+def test_unknown_sizes_and_voltages_are_named(capsys, scan, tmp_path):
+    code, _, err = run(capsys, "measure", scan, "--unit", "mm", "--catalogue", "400/500")
+    assert (code, "--catalogue 400/500" in err) == (1, True)
+    code, _, err = run(capsys, "simulate", str(tmp_path / "a.ply"), "--size", "77")
+    assert (code, "size: expected one of 25" in err) == (1, True)
+
+
+def test_importing_the_command_is_light():
+    code = f"import sys, cablejax.cli; print([m for m in {HEAVY!r} if m in sys.modules])"
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert out.stdout.strip() == "[]"
