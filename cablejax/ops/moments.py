@@ -22,7 +22,7 @@ class LocalMoments(NamedTuple):
     covariance: Float[Array, "n 3 3"]
 
 
-def masked_mean(values: Float[Array, "*b n c"], mask: Bool[Array, "*b n"]) -> Float[Array, "*b c"]:
+def masked_mean(values: Float[Array, "*b n c"], mask: Bool[Array, "..."]) -> Float[Array, "*b c"]:
     """Mean over the valid rows `[..., n, c]`, eq. (3); zero where none is valid.
 
     Example:
@@ -39,7 +39,7 @@ def masked_mean(values: Float[Array, "*b n c"], mask: Bool[Array, "*b n"]) -> Fl
     return mean
 
 
-def masked_variance(values: Float[Array, "*b n c"], mask: Bool[Array, "*b n"]) -> Float[Array, "*b"]:
+def masked_variance(values: Float[Array, "*b n c"], mask: Bool[Array, "..."]) -> Float[Array, "*b"]:
     """Mean squared distance of the valid rows from their mean, eq. (2); zero where none is valid.
 
     Example:
@@ -50,7 +50,7 @@ def masked_variance(values: Float[Array, "*b n c"], mask: Bool[Array, "*b n"]) -
     return jnp.square(centred).sum(axis=(-2, -1)) / jnp.maximum(mask.sum(axis=-1), 1)
 
 
-def masked_covariance(values: Float[Array, "*b n c"], mask: Bool[Array, "*b n"]) -> Float[Array, "*b c c"]:
+def masked_covariance(values: Float[Array, "*b n c"], mask: Bool[Array, "..."]) -> Float[Array, "*b c c"]:
     """Covariance `[..., c, c]` of the valid rows, divided by their number; its trace is `masked_variance`."""
     centred = jnp.where(mask[..., None], values - masked_mean(values, mask)[..., None, :], 0.0)
     count = jnp.maximum(mask.sum(axis=-1), 1)

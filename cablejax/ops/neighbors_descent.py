@@ -3,7 +3,8 @@
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jax import lax
+from jaxtyping import Array, Float, Int
 
 from cablejax.ops.neighbors_select import LARGEST, WORD, columns, narrow, selected
 from cablejax.ops.neighbors_tree import Boxes, Tree
@@ -46,6 +47,7 @@ def children(
     *,
     most: int,
     from_root: bool = False,
+    many: bool = False,
 ) -> Near:
     """From the nodes near each parent to the nearest of their children for each of its boxes.
 
@@ -57,6 +59,7 @@ def children(
         reach: Squared distance beyond which nothing is wanted `[p * t]`; LARGEST for no limit.
         most: Children kept. Static.
         from_root: Whether `near` is the root and all nodes of the level are its children. Static.
+        many: Whether there are so many boxes that counting pays off against `top_k`. Static.
 
     Returns:
         Children within reach, at most `most` for each box.
@@ -67,16 +70,32 @@ def children(
     child = near.node[:, :, None] * split + jnp.arange(split)[None, None, :]
     child = jnp.where(near.node[:, :, None] >= 0, child, -1).reshape(parents, -1)
     child = jnp.pad(child, ((0, 0), (0, -child.shape[1] % WORD)), constant_values=-1)
-    score = _gaps(tree.levels[level], child, boxes, times).reshape(reach.shape[0], -1, WORD)
-    most = min(most, child.shape[1])
-    side = jnp.max(boxes.sides(), axis=0)
-    guess = jnp.where(reach < LARGEST, reach * 0.6, jnp.maximum(1e-30, jnp.square(side)))
-    found = narrow(lambda s: s, score, least=most - most // 6, most=most, guess=guess, cap=reach, active=any_box(boxes))
-    picked = columns(selected(score, found.value), most)
+    score = _gaps(tree.levels[level], child, boxes, times)
+    score = jnp.where(score <= reach[:, None], score, jnp.inf)
+    most = min(most, child.shape[1] - 1)
+    picked, bound = (_nearest_by_counting if many else _nearest_by_sorting)(score, boxes, most)
     owner = jnp.repeat(jnp.arange(parents), times)[:, None]
     node = jnp.where(picked >= 0, child.at[owner, jnp.maximum(picked, 0)].get(mode="promise_in_bounds"), -1)
-    bound = jnp.where(found.complete, found.value, 0.0)
+    bound = jnp.where(bound < LARGEST, bound, jnp.where(reach < LARGEST, reach, LARGEST))
     return Near(node, jnp.minimum(jnp.repeat(near.bound, times), bound))
+
+
+def _nearest_by_sorting(score: Float[Array, "b c"], boxes: Boxes, most: int) -> tuple[Array, Array]:
+    """Columns of the smallest scores, -1 where there are fewer, and the smallest score left out."""
+    del boxes
+    negative, column = lax.top_k(-score, most + 1)
+    column = jnp.where(negative > -jnp.inf, column, -1)
+    return column[:, :most], jnp.minimum(-negative[:, most], LARGEST)
+
+
+def _nearest_by_counting(score: Float[Array, "b c"], boxes: Boxes, most: int) -> tuple[Array, Array]:
+    """The same from a threshold: a few less than `most` columns, and the threshold."""
+    score = score.reshape(score.shape[0], -1, WORD)
+    cap = jnp.full(score.shape[0], LARGEST)
+    guess = jnp.maximum(1e-30, jnp.square(jnp.max(boxes.sides(), axis=0)))
+    active = boxes.upper[0] >= boxes.lower[0]
+    found = narrow(lambda s: s, score, least=most - most // 6, most=most, guess=guess, cap=cap, active=active)
+    return columns(selected(score, found.value), most), jnp.where(found.complete, found.value, 0.0)
 
 
 def _gaps(level: Boxes, child: Int[Array, "p c"], boxes: Boxes, times: int) -> Float[Array, "b c"]:
@@ -89,8 +108,3 @@ def _gaps(level: Boxes, child: Int[Array, "p c"], boxes: Boxes, times: int) -> F
         own_low, own_high = (side[axis].reshape(-1, times, 1) for side in boxes)
         total = total + jnp.square(jnp.maximum(0.0, jnp.maximum(low - own_high, own_low - high)))
     return jnp.where(total <= LARGEST, total, jnp.inf).reshape(child.shape[0] * times, -1)
-
-
-def any_box(boxes: Boxes) -> Bool[Array, " b"]:
-    """Boxes that hold a point."""
-    return boxes.upper[0] >= boxes.lower[0]

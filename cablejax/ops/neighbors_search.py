@@ -77,7 +77,7 @@ def _by_blocks(tree: Tree, targets: Tree, k: int, include_self: bool, finish: Fi
         rows = cut(own, 0, split)
         reach = jnp.full(rows.shape, LARGEST)
         above = Near(cut(near.node, 0, 1), cut(near.bound, 0, 1))
-        leaves = _even(children(tree, len(tree.levels) - 1, above, boxes, reach[:, 0], most=share))
+        leaves = _even(children(tree, len(tree.levels) - 1, above, boxes, reach[:, 0], most=share, many=True))
         guess = jnp.broadcast_to(_expected(boxes, k)[:, None], rows.shape)
         ranked, verdict = rank_blocks(tree, cut(targets.xyz, 1, split), rows, leaves, guess, reach, k=k)
         return finish(ranked), verdict

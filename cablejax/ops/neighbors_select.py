@@ -14,6 +14,7 @@ from jaxtyping import Array, Bool, Float, Int, UInt
 
 WORD = 32
 LARGEST = float(jnp.finfo(jnp.float32).max)
+FULL = 1 << 30  # more than any count
 
 
 class Threshold(NamedTuple):
@@ -64,19 +65,18 @@ def narrow(
         trials = _trials(step, guess, cap, low, low_count, high, high_count, aim)
         # The barrier ties the scores to this round: XLA would otherwise hoist them out of the loop, into memory.
         now, trials = lax.optimization_barrier((operands, trials))
-        for trial, count in zip(trials, _count(score(now), trials), strict=True):
-            fits = (count <= most) & ((count >= least) | (trial >= cap))
-            value = jnp.where(fits & ~settled, trial, value)
-            settled = settled | fits
-            below = (count < least) & (trial > low)
-            low, low_count = jnp.where(below, trial, low), jnp.where(below, count, low_count)
-            above = (count > most) & (trial < high)
-            high, high_count = jnp.where(above, trial, high), jnp.where(above, count, high_count)
-        return step + 1, settled, value, low, low_count, high, high_count
+        counts = _count(score(now), trials)
+        fits = (counts <= most) & ((counts >= least) | (trials >= cap[None]))
+        value = jnp.where(settled, value, jnp.max(jnp.where(fits, trials, 0.0), axis=0))
+        low = jnp.maximum(low, jnp.max(jnp.where(counts < least, trials, 0.0), axis=0))
+        low_count = jnp.maximum(low_count, jnp.max(jnp.where(counts < least, counts, 0), axis=0))
+        high = jnp.minimum(high, jnp.min(jnp.where(counts > most, trials, LARGEST), axis=0))
+        high_count = jnp.minimum(high_count, jnp.min(jnp.where(counts > most, counts, FULL), axis=0))
+        return step + 1, settled | fits.any(axis=0), value, low, low_count, high, high_count
 
     zero = jnp.zeros_like(guess)
     none = jnp.zeros(guess.shape, dtype=jnp.int32)
-    start = (jnp.int32(0), ~active, zero, zero, none, zero + LARGEST, none + most + 1)
+    start = (jnp.int32(0), ~active, zero, zero, none, zero + LARGEST, none + FULL)
     _, settled, value, low, low_count, high, _ = lax.while_loop(unsettled, once, start)
     some = low_count > 0
     return Threshold(jnp.where(settled, value, jnp.where(some, low, high)), settled | some)
@@ -110,29 +110,28 @@ def columns(words: UInt[Array, "... w"], m: int) -> Int[Array, "... m"]:
     return jnp.where(nth < end[..., -1:], column, -1)
 
 
-def _trials(step, guess, cap, low, low_count, high, high_count, aim) -> tuple[Array, Array, Array]:
+def _trials(step, guess, cap, low, low_count, high, high_count, aim) -> Float[Array, "3 ..."]:
     """Three thresholds to count at: around the guess, then outwards, then within the bracket."""
-    start = (guess * 0.7, guess * 1.05, guess * 1.55)
-    outward = (low * 1.5, low * 4.0, cap)
+    start = jnp.stack([guess * 0.7, guess * 1.05, guess * 1.55])
+    outward = jnp.stack([low * 1.5, low * 4.0, cap])
     middle = low + (high - low) * ((aim - low_count) / jnp.maximum(high_count - low_count, 1))
     # Between scales, where interpolation would creep: the mean of the floats' bits is nearly the geometric mean.
     bits = [lax.bitcast_convert_type(jnp.maximum(edge, high * 2.0**-24), jnp.int32) for edge in (low, high)]
     geometric = lax.bitcast_convert_type((bits[0] >> 1) + (bits[1] >> 1), jnp.float32)
     other = jnp.where(step % 2 == 1, middle + (high - middle) * 0.3, geometric)
-    inward = (middle, low + (middle - low) * 0.7, other)
-    later = [jnp.where(high >= LARGEST, o, i) for o, i in zip(outward, inward, strict=True)]
-    trials = [jnp.minimum(jnp.where(step == 0, s, t), cap) for s, t in zip(start, later, strict=True)]
-    return trials[0], trials[1], trials[2]
+    inward = jnp.stack([middle, low + (middle - low) * 0.7, other])
+    later = jnp.where((high >= LARGEST)[None], outward, inward)
+    return jnp.minimum(jnp.where(step == 0, start, later), cap[None])
 
 
-def _count(score: Array, trials: tuple[Array, Array, Array]) -> tuple[Array, ...]:
+def _count(score: Array, trials: Float[Array, "3 ..."]) -> Int[Array, "3 ..."]:
     """How many scores of each row lie at or below each of three thresholds: one pass, three counters of ten bits."""
-    hits = [(score <= t[..., None, None]).astype(jnp.int32) << (10 * i) for i, t in enumerate(trials)]
+    hits = [(score <= trials[i][..., None, None]).astype(jnp.int32) << (10 * i) for i in range(3)]
     per_word = jnp.sum(hits[0] + hits[1] + hits[2], axis=-1)
     if score.shape[-2] * WORD < 1 << 10:
         per_word = jnp.sum(per_word, axis=-1)
-        return tuple((per_word >> (10 * i)) & 1023 for i in range(3))
-    return tuple(jnp.sum((per_word >> (10 * i)) & 1023, axis=-1) for i in range(3))
+        return jnp.stack([(per_word >> (10 * i)) & 1023 for i in range(3)])
+    return jnp.stack([jnp.sum((per_word >> (10 * i)) & 1023, axis=-1) for i in range(3)])
 
 
 def _ramp(ndim: int, size: int, dtype=jnp.int32) -> Array:

@@ -1,4 +1,4 @@
-"""A balanced tree of boxes over a cloud: rows sorted into leaves of 16, by equal splits along each node's longest side.
+"""A balanced tree of boxes over a cloud: rows sorted into leaves of 16, by equal splits along each node's main axis.
 
 A scanner's stray points would stretch the box of every leaf they fall into and make it everybody's neighbour. So points
 far from the median of their leaf are taken out and sorted into leaves of their own, below one more child of the root.
@@ -98,11 +98,11 @@ def _sort(points: Float[Array, "3 m"], rows: Int[Array, " m"], splits: list[int]
 
 
 def _sorted_places(points: Float[Array, "3 nodes m"], valid: Bool[Array, "nodes m"]) -> Int[Array, " size"]:
-    """Places in the order of each node's longest side, holes last."""
+    """Places in the order along the axis on which each node spreads most, holes last."""
     nodes, m = valid.shape
     box = _boxes(points, valid)
     side = box.sides()
-    pick = jnp.arange(3)[:, None] == jnp.argmax(side, axis=0)[None, :]
+    pick = jnp.arange(3)[:, None] == jnp.argmax(_spread(points, valid, box), axis=0)[None, :]
     start = jnp.sum(jnp.where(pick & (side > 0), box.lower, 0.0), axis=0)
     length = jnp.sum(jnp.where(pick, side, 0.0), axis=0)
     along = jnp.sum(jnp.where(pick[:, :, None], points, 0.0), axis=0)
@@ -114,6 +114,14 @@ def _sorted_places(points: Float[Array, "3 nodes m"], valid: Bool[Array, "nodes 
     packed = (cell << place_bits) | jnp.arange(m, dtype=jnp.uint32)[None, :]
     place = (lax.sort(packed, dimension=1) & jnp.uint32(2**place_bits - 1)).astype(jnp.int32)
     return (place + jnp.arange(nodes, dtype=jnp.int32)[:, None] * m).reshape(-1)
+
+
+def _spread(points: Float[Array, "3 nodes m"], valid: Bool[Array, "nodes m"], box: Boxes) -> Float[Array, "3 nodes"]:
+    """Mean distance from the mean along each axis: unlike the sides of the box it follows the many, not the strays."""
+    count = jnp.maximum(jnp.sum(valid, axis=1), 1)[None, :, None]
+    inside = jnp.where(valid[None], points - jnp.where(box.lower < jnp.inf, box.lower, 0.0)[:, :, None], 0.0)
+    mean = jnp.sum(inside, axis=2, keepdims=True) / count
+    return jnp.sum(jnp.where(valid[None], jnp.abs(inside - mean), 0.0), axis=2) / count[:, :, 0]
 
 
 def _strays(points: Float[Array, "3 leaves 16"], valid: Bool[Array, "leaves 16"]) -> Bool[Array, "leaves 16"]:

@@ -86,7 +86,8 @@ def radius_outliers(
 def median_outliers(cloud: PointCloud, *, k: int = 20, ratio: float | Float[Array, ""] = 3.0) -> OutlierResult:
     """Drop points far from the median of their neighbours, in units of the cloud's median.
 
-    The median filter of Table 1: a point's score is its distance to the coordinate-wise median of its k neighbours.
+    The median filter of Table 1: a point's score is its distance to the coordinate-wise median of its k neighbours, which
+    depends a little on how the axes lie.
 
     Args:
         cloud: Points `[n, 3]`, any unit, with validity `[n]`.
