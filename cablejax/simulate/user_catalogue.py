@@ -53,8 +53,10 @@ def _cable(entry: Any, where: str) -> Cable:
     missing = [key for key in REQUIRED if key not in entry]
     if missing:
         raise ValueError(f"{where}: expected {missing[0]!r}, got only {', '.join(entry)}")
-    numbers = {key: _number(entry[key], f"{where}, {key}") if key in entry else math.nan for key in NUMBERS}
-    return Cable(**{key: str(entry.get(key, "")) for key in TEXTS}, **numbers)
+    numbers = (_number(entry[key], f"{where}, {key}") if key in entry else math.nan for key in NUMBERS)
+    size, diameter, conductor, insulation, sheath = numbers
+    name, voltage, source = (str(entry.get(key, "")) for key in TEXTS)
+    return Cable(name, size, voltage, diameter, conductor, insulation, sheath, source)
 
 
 def _number(value: Any, where: str) -> float:
