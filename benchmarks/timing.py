@@ -1,0 +1,84 @@
+"""Side-by-side timing: contenders take turns, medians and ratios are printed and written with their provenance."""
+
+import ctypes
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+
+def open3d_module() -> ModuleType:
+    """Open3D, with the libusb that its wheel needs and a bare machine lacks."""
+    import libusb_package
+
+    ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
+    import open3d
+
+    return open3d
+
+
+def half_cylinder(
+    n: int, *, noise_mm: float = 0.385, stray_share: float = 0.0, radius_mm: float = 15.0, seed: int = 0
+) -> np.ndarray:
+    """Points `[n, 3]` float32 of a cable's upper half in random order, at 53,135 points on 300 mm, some of them astray."""
+    rng = np.random.default_rng(seed)
+    length = 300.0 * n / 53_135
+    angle, radius = rng.uniform(0, np.pi, n), radius_mm + noise_mm * rng.normal(size=n)
+    xyz = np.stack([radius * np.cos(angle), radius * np.sin(angle), rng.uniform(0, length, n)], axis=1)
+    stray = rng.random(n) < stray_share
+    xyz[stray] = rng.uniform([-30, -30, 0], [30, 30, length], (int(stray.sum()), 3))
+    return xyz.astype(np.float32)
+
+
+def alternate(
+    title: str,
+    runs: Mapping[str, Callable[[], Any]],
+    first_s: Mapping[str, float],
+    config: Mapping[str, Any],
+    path: Path | None,
+) -> dict[str, Any]:
+    """Run all contenders in turn, `config["rounds"]` times, and report medians beside the first call's compile time.
+
+    Args:
+        title: What is measured.
+        runs: Contenders; the first is ours, ratios are ours over theirs.
+        first_s: Seconds of each contender's first call.
+        config: Options of the run; `rounds` is read.
+        path: Where to write the result, None for nowhere.
+
+    Returns:
+        The table as written.
+    """
+    seconds: dict[str, list[float]] = {name: [] for name in runs}
+    for _ in range(config["rounds"]):
+        for name, run in runs.items():
+            start = time.perf_counter()
+            run()
+            seconds[name].append(time.perf_counter() - start)
+    median = {name: float(np.median(times)) for name, times in seconds.items()}
+    ours = next(iter(runs))
+    rows = {
+        name: {
+            "median_s": median[name],
+            "quartiles_s": [float(q) for q in np.percentile(times, [25, 75])],
+            "first_call_extra_s": max(0.0, first_s[name] - median[name]),
+            "ours_over_this": median[ours] / median[name],
+        }
+        for name, times in seconds.items()
+    }
+    print(f"{title}: {config}")
+    print(f"{'':24s}{'median':>10s}{'first call':>12s}{'ours / this':>13s}")
+    for name, row in rows.items():
+        extra, ratio = row["first_call_extra_s"], row["ours_over_this"]
+        print(f"{name:24s}{1e3 * row['median_s']:8.1f} ms{extra:10.2f} s{ratio:12.2f}x")
+    table = {"title": title, "config": dict(config), "contenders": rows}
+    if path is not None:
+        from cablejax.io.provenance import provenance, write_json
+
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_json(path, {**table, "provenance": provenance(seeds=[0], config=dict(config))})
+        print(f"written to {path}")
+    return table
