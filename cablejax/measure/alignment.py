@@ -15,15 +15,13 @@ STRETCH_DEG = 60.0  # a station sees some 120 degrees and fades out towards both
 
 
 class Profile(NamedTuple):
-    """The radius with shared errors allowed for.
+    """What shared errors mean for the radius.
 
     Attributes:
-        correction_mm: To be added to the radius.
-        std_mm: Standard deviation of the radius, noise included.
+        std_mm: Standard deviation of the fitted radius, noise included.
         shared_mm: Standard deviation of the shared errors.
     """
 
-    correction_mm: float
     std_mm: float
     shared_mm: float
 
@@ -40,15 +38,14 @@ def _binned(angle: np.ndarray, residual: np.ndarray, weight: np.ndarray) -> tupl
     return middle, mean, np.maximum(square - mean**2, 1e-18) / total[keep]
 
 
-def _evidence(values: np.ndarray, columns: np.ndarray, covariance: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-    """Restricted log likelihood, estimate and covariance of generalised least squares."""
+def _evidence(values: np.ndarray, columns: np.ndarray, covariance: np.ndarray) -> float:
+    """Restricted log likelihood of generalised least squares."""
     factor = np.linalg.cholesky(covariance)
     white, wide = np.linalg.solve(factor, values), np.linalg.solve(factor, columns)
     information = wide.T @ wide
-    estimate = np.linalg.solve(information, wide.T @ white)
-    left = white - wide @ estimate
-    log = -0.5 * (left @ left) - np.log(np.diag(factor)).sum() - 0.5 * np.linalg.slogdet(information)[1]
-    return float(log), estimate, np.linalg.inv(information)
+    left = white - wide @ np.linalg.solve(information, wide.T @ white)
+    determinant = np.log(np.diag(factor)).sum() + 0.5 * np.linalg.slogdet(information)[1]
+    return float(-0.5 * (left @ left) - determinant)
 
 
 def shared_errors(
@@ -82,21 +79,18 @@ def shared_errors(
     kernel = cos * np.exp((cos - 1) / np.radians(STRETCH_DEG) ** 2)  # von Mises, so that it closes around the circle
     noise = float(np.sqrt(np.median(variance)))
     sizes = [given_std_mm] if given_std_mm > 0 else [0.0, *np.geomspace(0.3 * noise, 100 * noise, 36)]
-    log, change, var = [], [], []
+    weighted = columns / variance[:, None]
+    lever = np.linalg.solve(weighted.T @ columns, weighted.T)[0]  # how far each bin moves the fitted radius
+    log, var = [], []
     for size in sizes:
-        value, estimate, covariance = _evidence(
-            mean, columns, np.diag(variance) + size**2 * kernel + 1e-9 * noise**2 * np.eye(len(middle))
-        )
-        log.append(value)
-        change.append(estimate[0])
-        var.append(covariance[0, 0])
+        covariance = np.diag(variance) + size**2 * kernel + 1e-9 * noise**2 * np.eye(len(middle))
+        log.append(_evidence(mean, columns, covariance))
+        var.append(lever @ covariance @ lever)
     # Before the scan is looked at: none with a probability of one half, else any size, evenly on a log scale.
     prior = np.array([1.0, *np.full(len(sizes) - 1, 1 / max(len(sizes) - 1, 1))])
     share = prior * np.exp(np.array(log) - max(log))
     share = share / share.sum()
-    correction = float(share @ np.array(change))
-    spread = float(share @ (np.array(var) + (np.array(change) - correction) ** 2))
-    return Profile(correction, float(np.sqrt(spread)), float(np.sqrt(share @ np.square(sizes))))
+    return Profile(float(np.sqrt(share @ np.array(var))), float(np.sqrt(share @ np.square(sizes))))
 
 
 def blocks(station: Int[np.ndarray, " n"], along_mm: Float[np.ndarray, " n"], *, pieces: int) -> Int[np.ndarray, " n"]:

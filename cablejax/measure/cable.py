@@ -134,16 +134,14 @@ def _sections(fit: CableFit, settings: MeasureSettings) -> Sections:
 
 
 def _headline(fit: CableFit, shape: Oval | None, profile: Profile | None) -> float:
-    """The diameter reported: of the circle with shared errors allowed for, or of an oval much larger than those.
+    """The diameter reported: of the circle, or of an oval much larger than the errors that directions share.
 
     The widening by noise is taken off.
     """
     shared = 0.0 if profile is None else profile.shared_mm
     unsure = 0.0 if shape is None else max(shape.amplitude_std_mm, 4 * shared)
-    if shape is not None and shape.maximum_mm - shape.minimum_mm > 4 * unsure:
-        mean = shape.diameter_mm
-    else:
-        mean = 2 * (fit.radius_mm + (0.0 if profile is None else profile.correction_mm))
+    certain = shape is not None and shape.maximum_mm - shape.minimum_mm > 4 * unsure
+    mean = shape.diameter_mm if shape is not None and certain else 2 * fit.radius_mm
     return mean - noise_bias_mm(fit)
 
 
