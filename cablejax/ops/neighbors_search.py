@@ -21,7 +21,7 @@ from cablejax.ops.neighbors_select import LARGEST
 from cablejax.ops.neighbors_tree import LEAF, Boxes, Tree
 
 CHUNK = 4096  # leaves searched at once, which bounds memory
-RETRY = 512  # unproven rows searched at once
+RETRY = 256  # unproven rows searched at once
 RETRY_NODES, RETRY_LEAVES = 32, 48  # nodes and leaves that such a row looks at
 ALONE = 64  # rows compared with every point at once
 

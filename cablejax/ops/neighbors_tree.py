@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 LEAF = 16  # points per leaf: two leaves fill a word of 32 candidates
 SPLIT = 16  # children per node, at most, where the depth is free
-STRAY = 12.0  # a stray's squared distance from its leaf's median point, in units of the leaf's median
+STRAY = 40.0  # a stray's squared distance from its leaf's median point, in units of the leaf's median
 
 
 class Boxes(NamedTuple):
