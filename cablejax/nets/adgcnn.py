@@ -13,7 +13,7 @@ from cablejax.nets.fusion import FeatureFusion
 from cablejax.nets.head import Classifier, pool_points
 from cablejax.nets.init import he_normal, lecun_normal
 from cablejax.nets.norm import BatchNorm
-from cablejax.nets.pose import Pose, PosedClouds, pose_channels, pose_clouds
+from cablejax.nets.pose import PosedClouds, pose_channels, pose_clouds
 from cablejax.ops.raster import cylinder_raster, raster_taps, sample_raster
 
 RASTER_EXTRAS = 2  # radius and occupancy
@@ -48,9 +48,9 @@ class ADGCNN(nnx.Module):
         attention: bool = True,
         enhancement: bool = True,
         fusion: bool = True,
-        pose: Pose = "cylinder",
+        pose: str = "cylinder",
         widths: Sequence[int] = (32, 32, 64, 128),
-        raster_shape: tuple[int, int] = (16, 32),
+        raster_shape: tuple[int, int] = (8, 16),
         raster_width: int = 64,
         half_length_mm: float = 60.0,
         scale_mm: float = 20.0,
@@ -61,7 +61,7 @@ class ADGCNN(nnx.Module):
             raise ValueError(f"num_classes: expected 2 or more, got {num_classes}")
         if len(widths) < 2:
             raise ValueError(f"widths: expected 2 or more layers, got {tuple(widths)}")
-        self.pose: Pose = pose
+        self.pose: str = pose
         self.scale_mm = scale_mm
         self.raster_shape = (int(raster_shape[0]), int(raster_shape[1]))
         self.half_length = half_length_mm / scale_mm

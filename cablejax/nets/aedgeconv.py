@@ -1,5 +1,7 @@
 """The AEdgeConv layer: edge convolution with channel attention, equations (11)-(14), batch normalisation included."""
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 from flax import nnx
@@ -7,7 +9,7 @@ from jaxtyping import Array, Bool, Float
 
 from cablejax.nets.init import he_normal, lecun_normal
 from cablejax.nets.norm import BatchNorm
-from cablejax.ops.edges import AttentionWeights, edge_products, feature_graph, pool_edges, pooled_attention
+from cablejax.ops.edges import AttentionWeights, aggregate_edges, edge_products, edge_statistics, feature_graph
 
 
 class ChannelAttention(nnx.Module):
@@ -63,14 +65,14 @@ class AEdgeConv(nnx.Module):
         """New point features `[b, n, d]`, zero on padding."""
         graph = jax.vmap(lambda rows, valid: feature_graph(rows, k=self.k, mask=valid))(x, mask)
         center, neighbor = jax.vmap(edge_products, in_axes=(0, None))(x, self.kernel[...])
-        valid = graph >= 0
-        edges = center[:, :, None, :] + jax.vmap(lambda rows, index: rows[index])(neighbor, graph)
-        edges = jax.nn.leaky_relu(self.norm(edges, valid.astype(jnp.float32)), self.negative_slope)
-        largest = jnp.max(edges, axis=2, where=valid[..., None], initial=-jnp.inf)
-        largest = jnp.where(jnp.any(valid, axis=2)[..., None], largest, 0.0)
-        if self.attention is None:
-            return largest
-        # The weights are positive and shared by a channel, so they may be applied after the maximum, equation (14).
-        pooled = jax.vmap(pool_edges)(edges, valid)
-        beta = jax.vmap(pooled_attention, in_axes=(0, 0, None))(*pooled, self.attention.weights())
-        return largest * beta[:, None, :]
+        if self.norm.use_running_average:
+            mean, var = self.norm.mean[...], self.norm.var[...]
+        else:
+            mean, var = edge_statistics(center, neighbor, graph)
+            self.norm.update(mean, var)
+        scale, shift = self.norm.fold(mean, var)
+        weights = None if self.attention is None else self.attention.weights()
+        aggregate = partial(
+            aggregate_edges, scale=scale, shift=shift, attention=weights, negative_slope=self.negative_slope
+        )
+        return jax.vmap(aggregate)(center, neighbor, graph)

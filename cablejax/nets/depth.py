@@ -49,6 +49,6 @@ def render(
 
     def one(points: Float[Array, "n 3"], valid: Bool[Array, " n"]) -> Float[Array, "size size"]:
         centroid, rotation = principal_frame(points, valid)
-        return depth_image((points - centroid) @ rotation.T, valid, size=size, extent_mm=extent_mm)
+        return depth_image((points - centroid[None, :]) @ rotation.T, valid, size=size, extent_mm=extent_mm)
 
     return jax.lax.stop_gradient(jax.vmap(one)(xyz, mask))[..., None]

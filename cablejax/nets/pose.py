@@ -1,6 +1,6 @@
 """What a network is told about a cloud: its coordinates, in which frame, at one fixed metric scale."""
 
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -8,8 +8,7 @@ from jaxtyping import Array, Bool, Float
 
 from cablejax.ops.raster import cylinder_frame, principal_frame
 
-Pose = Literal["none", "principal", "cylinder"]
-POSES: tuple[Pose, ...] = ("none", "principal", "cylinder")
+POSES = ("none", "principal", "cylinder")
 
 
 class PosedClouds(NamedTuple):
@@ -28,7 +27,7 @@ class PosedClouds(NamedTuple):
     radius: Float[Array, "b n"]
 
 
-def pose_channels(pose: Pose) -> int:
+def pose_channels(pose: str) -> int:
     """Channels of `PosedClouds.features`.
 
     Raises:
@@ -39,7 +38,7 @@ def pose_channels(pose: Pose) -> int:
     return 4 if pose == "cylinder" else 3
 
 
-def pose_clouds(xyz: Float[Array, "b n 3"], mask: Bool[Array, "b n"], *, pose: Pose, scale_mm: float) -> PosedClouds:
+def pose_clouds(xyz: Float[Array, "b n 3"], mask: Bool[Array, "b n"], *, pose: str, scale_mm: float) -> PosedClouds:
     """Bring clouds into a frame and divide them by one constant.
 
     Args:

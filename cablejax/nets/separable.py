@@ -36,10 +36,16 @@ class SeparableConv(nnx.Module):
 def depthwise_conv(
     grid: Float[Array, "b h w c"], kernel: Float[Array, "3 3 c"], *, dilation: int = 1
 ) -> Float[Array, "b h w c"]:
-    """3x3 convolution of each channel by itself, wrapped along w and zero-padded along h, size kept."""
+    """3x3 convolution of each channel by itself, wrapped along w and zero-padded along h, size kept.
+
+    Raises:
+        ValueError: If the raster is narrower than the dilation.
+    """
     height, width = grid.shape[1:3]
+    if width < dilation:
+        raise ValueError(f"grid: expected at least {dilation} cells around the cable for that dilation, got {width}")
     padded = jnp.pad(grid, ((0, 0), (dilation, dilation), (0, 0), (0, 0)))
-    padded = jnp.take(padded, jnp.arange(-dilation, width + dilation) % width, axis=2)
+    padded = jnp.concatenate([padded[:, :, width - dilation :], padded, padded[:, :, :dilation]], axis=2)
     total = jnp.zeros_like(grid)
     for row in range(3):
         for column in range(3):

@@ -3,19 +3,44 @@
 Neighbours (`knn`, `radius_search`, `radius_count`), local moments, outlier removal and the adaptive filter.
 """
 
+from cablejax.ops.edges import (
+    AttentionWeights,
+    channel_attention,
+    edge_conv,
+    edge_features,
+    feature_graph,
+    neighbor_max,
+    neighbor_sum,
+)
 from cablejax.ops.filters import FilterResult, adaptive_filter
 from cablejax.ops.moments import LocalMoments, local_moments, masked_covariance, masked_mean, masked_variance
 from cablejax.ops.neighbors import KnnResult, RadiusResult, knn, knn_features, radius_count, radius_search
 from cablejax.ops.outliers import OutlierResult, median_outliers, radius_outliers, statistical_outliers
+from cablejax.ops.raster import (
+    CylinderFrame,
+    cylinder_frame,
+    cylinder_raster,
+    principal_frame,
+    raster_taps,
+    sample_raster,
+)
 from cablejax.ops.rigid import invert, kabsch, se3_exp, se3_log, transform
 
 __all__ = [
+    "AttentionWeights",
+    "CylinderFrame",
     "FilterResult",
     "KnnResult",
     "LocalMoments",
     "OutlierResult",
     "RadiusResult",
     "adaptive_filter",
+    "channel_attention",
+    "cylinder_frame",
+    "cylinder_raster",
+    "edge_conv",
+    "edge_features",
+    "feature_graph",
     "invert",
     "kabsch",
     "knn",
@@ -25,9 +50,14 @@ __all__ = [
     "masked_mean",
     "masked_variance",
     "median_outliers",
+    "neighbor_max",
+    "neighbor_sum",
+    "principal_frame",
     "radius_count",
     "radius_outliers",
     "radius_search",
+    "raster_taps",
+    "sample_raster",
     "se3_exp",
     "se3_log",
     "statistical_outliers",

@@ -1,5 +1,7 @@
 """Edge convolution on a dynamic neighbour graph with channel attention, equations (10)-(14), for one small cloud."""
 
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -54,7 +56,7 @@ def feature_graph(features: Float[Array, "n c"], *, k: int, mask: Bool[Array, " 
     if channels == 3:
         sq_dist = jnp.sum((features[:, None, :] - features[None, :, :]) ** 2, axis=-1)
     else:
-        centred = features - jnp.sum(features, axis=0) / jnp.maximum(jnp.sum(mask), 1)
+        centred = features - (jnp.sum(features, axis=0) / jnp.maximum(jnp.sum(mask), 1))[None, :]
         sq_norm = jnp.sum(centred**2, axis=-1)
         product = jnp.matmul(centred, centred.T, precision=jax.lax.Precision.HIGHEST)
         sq_dist = jnp.maximum(sq_norm[:, None] - 2.0 * product + sq_norm[None, :], 0.0)
@@ -100,30 +102,22 @@ def edge_products(
 def channel_attention(
     edges: Float[Array, "n k d"], valid: Bool[Array, "n k"], weights: AttentionWeights
 ) -> Float[Array, " d"]:
-    """The weight of each channel between 0 and 1, equation (12).
+    """The weight of each channel between 0 and 1, equation (12), literally.
 
-    The paper does not say over what MAX and MEAN pool: here over all edges of the cloud, per channel, and the two
-    1x1 convolutions have a ReLU between them, both as in CBAM.
+    The paper does not say over what MAX and MEAN pool, nor what stands between the convolutions: here they pool over all
+    edges of the cloud, per channel, and a ReLU stands between, both as in CBAM (Woo et al. 2018).
 
     Args:
-        edges: Edge features V `[n, k, d]`.
+        edges: Edge features V `[n, k, d]`, of which at least one is valid.
         valid: True where an edge exists `[n, k]`.
         weights: The shared convolutions.
 
     Returns:
-        beta `[d]`; 0.5 up to the biases where no edge is valid.
+        beta `[d]`.
     """
-    return pooled_attention(*pool_edges(edges, valid), weights)
-
-
-def pool_edges(
-    edges: Float[Array, "n k d"], valid: Bool[Array, "n k"]
-) -> tuple[Float[Array, " d"], Float[Array, " d"]]:
-    """MAX(V) and MEAN(V) of equation (12) over the valid edges, each `[d]`; zero where there is none."""
-    some = jnp.any(valid)
     largest = jnp.max(edges, axis=(0, 1), where=valid[:, :, None], initial=-jnp.inf)
-    mean = jnp.sum(edges, axis=(0, 1), where=valid[:, :, None]) / jnp.maximum(jnp.sum(valid), 1)
-    return jnp.where(some, largest, 0.0), mean
+    mean = jnp.sum(edges, axis=(0, 1), where=valid[:, :, None]) / jnp.sum(valid)
+    return pooled_attention(largest, mean, weights)
 
 
 def pooled_attention(
@@ -149,8 +143,8 @@ def edge_conv(
 ) -> Float[Array, "n d"]:
     """One AEdgeConv layer of a cloud, equations (11)-(14), the normalisation given as `scale` and `shift` per channel.
 
-    An edge's value is `V = LeakyReLU(scale * W[x_i, x_j - x_i] + shift)`; V is weighted by channel and the largest over
-    a point's neighbours is kept.
+    An edge's feature is `V = scale * W[x_i, x_j - x_i] + shift`; V is weighted by channel, the largest over a point's
+    neighbours is kept, and LeakyReLU follows. No tensor per edge is made: see `aggregate_edges`.
 
     Args:
         features: Point features `[n, c]`.
@@ -165,10 +159,180 @@ def edge_conv(
         New features `[n, d]`; zero for a point without neighbours.
     """
     center, neighbor = edge_products(features, kernel)
-    valid = neighbors >= 0
-    edges = (center[:, None, :] + neighbor[neighbors]) * scale + shift
-    edges = jax.nn.leaky_relu(edges, negative_slope)
+    return aggregate_edges(
+        center, neighbor, neighbors, scale=scale, shift=shift, attention=attention, negative_slope=negative_slope
+    )
+
+
+def aggregate_edges(
+    center: Float[Array, "n d"],
+    neighbor: Float[Array, "n d"],
+    neighbors: Int[Array, "n k"],
+    *,
+    scale: Float[Array, " d"],
+    shift: Float[Array, " d"],
+    attention: AttentionWeights | None = None,
+    negative_slope: float = 0.2,
+) -> Float[Array, "n d"]:
+    """Equations (12)-(14) from the shares of `edge_products`.
+
+    V is affine in the neighbour's share, so its largest over a point's edges is found at the neighbour's largest share
+    (smallest, where `scale` is negative), and its mean over the cloud from each point's number of incoming edges. The
+    channel weights are positive and shared by all edges, so they may follow the maximum.
+    """
+    exists = neighbors[:, :1] >= 0
+    sign = jnp.where(scale < 0, -1.0, 1.0)[None, :]
+    extreme = sign * neighbor_max(sign * neighbor, neighbors)
+    value = scale[None, :] * (center + jnp.where(exists, extreme, 0.0)) + shift[None, :]
+    largest = jnp.where(exists, value, 0.0)
     if attention is not None:
-        edges = edges * channel_attention(edges, valid, attention)
-    largest = jnp.max(edges, axis=1, where=valid[:, :, None], initial=-jnp.inf)
-    return jnp.where(jnp.any(valid, axis=1, keepdims=True), largest, 0.0)
+        edges = jnp.sum(neighbors >= 0, axis=1).astype(center.dtype)
+        total = jnp.maximum(jnp.sum(edges), 1.0)
+        mean = (edges @ center + in_degree(neighbors) @ neighbor) / total
+        overall = jnp.max(largest, axis=0, where=exists, initial=-jnp.inf)
+        overall = jnp.where(jnp.any(exists), overall, 0.0)
+        largest = largest * pooled_attention(overall, scale * mean + shift, attention)[None, :]
+    return jax.nn.leaky_relu(largest, negative_slope)
+
+
+def edge_statistics(
+    center: Float[Array, "b n d"], neighbor: Float[Array, "b n d"], neighbors: Int[Array, "b n k"]
+) -> tuple[Float[Array, " d"], Float[Array, " d"]]:
+    """Mean and variance per channel of `center_i + neighbor_j` over all edges of a batch, for batch normalisation.
+
+    The variance is that of the centres, weighted by their edges, that of the neighbours, weighted by theirs, and twice
+    the covariance, which needs the sum of each point's neighbours and no tensor per edge. Each is taken about its mean.
+
+    Returns:
+        `(mean [d], variance [d])`, the variance with divisor the number of edges.
+    """
+    out_edges = jnp.sum(neighbors >= 0, axis=2).astype(center.dtype)[..., None]
+    in_edges = jax.vmap(in_degree)(neighbors)[..., None]
+    total = jnp.maximum(jnp.sum(out_edges), 1.0)
+    center_mean = jnp.sum(out_edges * center, axis=(0, 1)) / total
+    neighbor_mean = jnp.sum(in_edges * neighbor, axis=(0, 1)) / total
+    center = center - center_mean[None, None, :]
+    neighbor = neighbor - neighbor_mean[None, None, :]
+    sums = jax.vmap(neighbor_sum)(neighbor, neighbors)
+    squares = jnp.sum(out_edges * center**2 + in_edges * neighbor**2 + 2.0 * center * sums, axis=(0, 1))
+    return center_mean + neighbor_mean, squares / total
+
+
+def in_degree(neighbors: Int[Array, "n k"]) -> Float[Array, " n"]:
+    """How many edges end at each point.
+
+    Example:
+        >>> in_degree(jnp.array([[1, 2], [1, -1], [2, 1]])).tolist()
+        [0.0, 3.0, 2.0]
+    """
+    n = neighbors.shape[0]
+    return jnp.zeros(n + 1, jnp.float32).at[_padded(neighbors)].add(1.0, mode="promise_in_bounds")[:n]
+
+
+@jax.custom_vjp
+def neighbor_max(values: Float[Array, "n d"], neighbors: Int[Array, "n k"]) -> Float[Array, "n d"]:
+    """The largest value among each point's neighbours, per channel; -inf where there is none.
+
+    The gradient goes to the first neighbour that holds it. Nothing per edge is kept: the backward pass finds the
+    neighbour again by comparing.
+    """
+    return _slot_max(values, neighbors)
+
+
+def _neighbor_max_forward(values: Array, neighbors: Array) -> tuple[Array, tuple[Array, Array, Array]]:
+    largest = neighbor_max(values, neighbors)
+    return largest, (values, largest, neighbors)
+
+
+def _neighbor_max_backward(residuals: tuple[Array, Array, Array], grad: Array) -> tuple[Array, None]:
+    values, largest, neighbors = residuals
+    n, d = values.shape
+    source = _holder(values, largest, neighbors)
+    total = jnp.zeros((n + 1, d), grad.dtype)
+    total = total.at[source, jnp.arange(d)[None, :]].add(grad, mode="promise_in_bounds")
+    return total[:n], None
+
+
+neighbor_max.defvjp(_neighbor_max_forward, _neighbor_max_backward)
+
+
+@jax.custom_vjp
+def neighbor_sum(values: Float[Array, "n d"], neighbors: Int[Array, "n k"]) -> Float[Array, "n d"]:
+    """The sum over each point's neighbours, per channel.
+
+    The gradient, a sum over incoming edges, is a product with the transposed 0/1 adjacency matrix `[n, n]`: at the
+    sizes a network sees that is faster than adding k rows for every point one after the other.
+    """
+    return _slot_sum(values, neighbors)
+
+
+def _neighbor_sum_forward(values: Array, neighbors: Array) -> tuple[Array, Array]:
+    return neighbor_sum(values, neighbors), neighbors
+
+
+def _neighbor_sum_backward(neighbors: Array, grad: Array) -> tuple[Array, None]:
+    n, k = neighbors.shape
+    incoming = jnp.zeros((n + 1, n), grad.dtype)
+    origin = jnp.broadcast_to(jnp.arange(n)[:, None], (n, k))
+    incoming = incoming.at[_padded(neighbors), origin].add(1.0, mode="promise_in_bounds")
+    return jnp.matmul(incoming[:n], grad, precision=jax.lax.Precision.HIGHEST), None
+
+
+neighbor_sum.defvjp(_neighbor_sum_forward, _neighbor_sum_backward)
+
+
+def _cloud_by_cloud(function: Callable[..., Array]) -> Callable[..., Array]:
+    """Make `vmap` of a function a loop over the batch on the CPU.
+
+    XLA would otherwise take the unrolled gathers for shared work of all that uses their result, and write each to memory: a
+    tensor per edge. A loop's body is a fence. Other devices get the plain batch.
+    """
+    wrapped = jax.custom_batching.custom_vmap(function)
+
+    @wrapped.def_vmap
+    def _(size: int, batched: Sequence[bool], *arrays: Array) -> tuple[Array, bool]:
+        every = [a if b else jnp.broadcast_to(a, (size, *a.shape)) for a, b in zip(arrays, batched, strict=True)]
+        looped = partial(jax.lax.map, lambda rows: function(*rows))
+        return jax.lax.platform_dependent(
+            tuple(every), cpu=looped, default=lambda rows: jax.vmap(function)(*rows)
+        ), True
+
+    return wrapped
+
+
+def _over_slots(
+    combine: Callable[[Array, Array], Array], fill: float, values: Float[Array, "n d"], neighbors: Int[Array, "n k"]
+) -> Float[Array, "n d"]:
+    """Combine the neighbours' rows slot by slot: unrolled, XLA makes one pass of it, without a tensor per edge."""
+    slots, rows = _padded(neighbors), _with_row(values, fill)
+    total = rows.at[slots[:, 0]].get(mode="promise_in_bounds")
+    for slot in range(1, neighbors.shape[1]):
+        total = combine(total, rows.at[slots[:, slot]].get(mode="promise_in_bounds"))
+    return total
+
+
+def _first_holder(
+    values: Float[Array, "n d"], largest: Float[Array, "n d"], neighbors: Int[Array, "n k"]
+) -> Int[Array, "n d"]:
+    """The row of the first neighbour whose value is the largest, per channel; n where there is none."""
+    slots, rows = _padded(neighbors), _with_row(values, -jnp.inf)
+    source = jnp.full(values.shape, values.shape[0], jnp.int32)
+    for slot in range(neighbors.shape[1] - 1, -1, -1):  # backwards, so that the first one stays
+        held = rows.at[slots[:, slot]].get(mode="promise_in_bounds") == largest
+        source = jnp.where(held, slots[:, slot, None], source)
+    return source
+
+
+_slot_max = _cloud_by_cloud(partial(_over_slots, jnp.maximum, -jnp.inf))
+_slot_sum = _cloud_by_cloud(partial(_over_slots, jnp.add, 0.0))
+_holder = _cloud_by_cloud(_first_holder)
+
+
+def _padded(neighbors: Int[Array, "n k"]) -> Int[Array, "n k"]:
+    """The graph with n, the row behind the last, in place of -1."""
+    return jnp.where(neighbors < 0, neighbors.shape[0], neighbors)
+
+
+def _with_row(values: Float[Array, "n d"], fill: float) -> Float[Array, "m d"]:
+    """The rows and one more for missing neighbours."""
+    return jnp.concatenate([values, jnp.full((1, values.shape[1]), fill, values.dtype)])

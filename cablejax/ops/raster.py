@@ -44,7 +44,7 @@ def principal_frame(
     total = jnp.maximum(jnp.sum(weight), 1.0)
     xyz = jnp.where(weight[:, None] > 0, xyz, 0.0)
     centroid = jnp.sum(xyz * weight[:, None], axis=0) / total
-    centred = (xyz - centroid) * weight[:, None]
+    centred = (xyz - centroid[None, :]) * weight[:, None]
     _, vectors = jnp.linalg.eigh(jnp.matmul(centred.T, centred, precision=jax.lax.Precision.HIGHEST) / total)
     first, last = _skewed(centred, vectors[:, 2]), _skewed(centred, vectors[:, 0])
     return centroid, jnp.stack([first, jnp.cross(last, first), last])
@@ -61,9 +61,10 @@ def cylinder_frame(
     """Fit a gently bent cylinder to a cloud and give the points in its coordinates.
 
     Each principal direction is tried as the axis. The centre line is a parabola across the axis, the radius is one
-    number, and the distances to the surface are brought down by Gauss-Newton steps, each point weighted by
-    `1 / (1 + (r / s)^2)^2` with s the weighted root mean square of the distances r, so that outliers lose their say. The
-    direction whose fit leaves the least distance is kept. Parameters are not learnt here: gradients stop.
+    number, and the distances r to the surface are brought down by Gauss-Newton steps, each point weighted by
+    `1 / (1 + (r / s)^2)^2`, s three times the weighted root mean square of r: outliers lose their say. The direction
+    whose fit leaves the least distance is kept, and turned twice along the centre line found. Nothing is learnt here:
+    gradients stop.
 
     Args:
         xyz: Points `[n, 3]`, of a piece of cable, any unit.
@@ -79,22 +80,28 @@ def cylinder_frame(
     weight = mask.astype(xyz.dtype)
     centroid, principal = principal_frame(xyz, mask)
     candidates = jnp.stack([principal, jnp.roll(principal, -1, axis=0), jnp.roll(principal, -2, axis=0)])
-    scale = jnp.sqrt(jnp.sum((xyz - centroid) ** 2 * weight[:, None]) / jnp.maximum(jnp.sum(weight), 1.0)) + 1e-30
+    scale = (
+        jnp.sqrt(jnp.sum((xyz - centroid[None, :]) ** 2 * weight[:, None]) / jnp.maximum(jnp.sum(weight), 1.0)) + 1e-30
+    )
 
-    def fit(rotation: Float[Array, "3 3"]):
-        along, *across = jnp.moveaxis((xyz - centroid) @ rotation.T / scale, 1, 0)
+    def fit(rotation: Float[Array, "3 3"]) -> tuple[Array, Array, Array, Array]:
+        along, *across = jnp.moveaxis((xyz - centroid[None, :]) @ rotation.T / scale, 1, 0)
         return _fit_bent_circle(along, jnp.stack(across, axis=1), weight, iterations=iterations)
 
-    across, radius, cost = jax.vmap(fit)(candidates)
-    best = jnp.argmin(jnp.where(jnp.isfinite(cost), cost, jnp.inf))
-    rotation, across, fitted = candidates[best], across[best] * scale, radius[best] * scale
-    along = (xyz - centroid) @ rotation[0]
+    lines, _, _, costs = jax.vmap(fit)(candidates)
+    first = jnp.argmin(jnp.where(jnp.isfinite(costs), costs, jnp.inf))
+    # A tilted section is an ellipse: turn the axis along the centre line and fit again.
+    rotation = _tilted(candidates[first], lines[first, 1])
+    rotation = _tilted(rotation, fit(rotation)[0][1])
+    _, across, radius, cost = fit(rotation)
+    across, fitted = across * scale, radius * scale
+    along = (xyz - centroid[None, :]) @ rotation[0]
     mean_x, mean_y = jnp.sum(across * weight[:, None], axis=0)
     angle = jnp.arctan2(across[:, 1], across[:, 0]) - jnp.arctan2(mean_y, mean_x)
     angle = jnp.mod(angle + jnp.pi, 2.0 * jnp.pi) - jnp.pi
     count = jnp.sum(mask)
     status = jnp.where(count == 0, int(Status.EMPTY), 0)
-    bad = (count < 8) | ~jnp.isfinite(cost[best])
+    bad = (count < 8) | ~jnp.isfinite(cost)
     status = status | jnp.where(bad, int(Status.DEGENERATE), 0)
     keep = mask & ~bad
     return CylinderFrame(
@@ -107,10 +114,20 @@ def cylinder_frame(
     )
 
 
+def _tilted(rotation: Float[Array, "3 3"], slope: Float[Array, "2"]) -> Float[Array, "3 3"]:
+    """The frame turned so that its axis follows a centre line of this slope."""
+    slope = jnp.where(jnp.all(jnp.isfinite(slope)), slope, 0.0)
+    axis = rotation[0] + slope[0] * rotation[1] + slope[1] * rotation[2]
+    axis = axis / jnp.linalg.norm(axis)
+    second = rotation[1] - (rotation[1] @ axis) * axis
+    second = second / jnp.linalg.norm(second)
+    return jnp.stack([axis, second, jnp.cross(axis, second)])
+
+
 def _fit_bent_circle(
     along: Float[Array, " n"], across: Float[Array, "n 2"], weight: Float[Array, " n"], *, iterations: int
-) -> tuple[Float[Array, "n 2"], Float[Array, ""], Float[Array, ""]]:
-    """Centre line `c0 + c1 s + c2 s^2` and radius; returns points relative to the centre line, radius, robust cost."""
+) -> tuple[Float[Array, "3 2"], Float[Array, "n 2"], Float[Array, ""], Float[Array, ""]]:
+    """Centre line `c0 + c1 s + c2 s^2` and radius; returns line, points relative to it, radius, robust cost."""
     ones = jnp.ones_like(along)
     linear = jnp.concatenate([2.0 * across, ones[:, None]], axis=1)
     start = _least_squares(linear, jnp.sum(across**2, axis=1), weight)
@@ -137,7 +154,7 @@ def _fit_bent_circle(
     line, radius, spread = jax.lax.fori_loop(0, iterations, step, (line, radius, spread))
     relative = across - powers @ line
     residual = jnp.linalg.norm(relative, axis=1) - radius
-    return relative, radius, jnp.sum(weight * jnp.minimum(jnp.abs(residual), 0.2)) / total
+    return line, relative, radius, jnp.sum(weight * jnp.minimum(jnp.abs(residual), 0.2)) / total
 
 
 def _least_squares(
@@ -222,7 +239,7 @@ def cylinder_raster(
     occupancy = jnp.sum(dense, axis=0)
     filled = occupancy > floor
     inverse = jnp.where(filled, 1.0 / jnp.where(filled, occupancy, 1.0), 0.0)
-    grid = (dense * inverse).T @ features
+    grid = (dense * inverse[None, :]).T @ features
     return grid.reshape(*shape, features.shape[1]), occupancy.reshape(shape)
 
 

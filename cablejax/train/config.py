@@ -1,7 +1,7 @@
 """Settings of a training run."""
 
 import dataclasses
-from typing import Any, Literal
+from typing import Any
 
 from cablejax.train.optimizers import OPTIMIZERS
 
@@ -37,7 +37,7 @@ class TrainConfig:
     epochs: int = 10
     batch_size: int = 32
     seed: int = 0
-    schedule: Literal["constant", "cosine"] = "constant"
+    schedule: str = "constant"
     warmup_epochs: float = 0.0
     label_smoothing: float = 0.0
     clip_norm: float | None = None

@@ -1,7 +1,7 @@
 """Overall and class-average accuracy, equations (20) and (21), and a model's evaluation on a split."""
 
 from functools import partial
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -12,6 +12,7 @@ from jaxtyping import Array, Float, Int
 from cablejax.train.losses import cross_entropy
 
 
+@runtime_checkable
 class Clouds(Protocol):
     """Labelled clouds of one padded size, such as `cablejax.simulate.Split`.
 
@@ -96,7 +97,7 @@ def eval_copy(model: nnx.Module) -> nnx.Module:
     return other
 
 
-def predict(graphdef: nnx.GraphDef, state: nnx.State, split: Clouds, *, batch_size: int) -> np.ndarray:
+def predict(graphdef: Any, state: Any, split: Clouds, *, batch_size: int) -> np.ndarray:
     """Logits `[N, C]` of a split, from a model split by `nnx.split`."""
     total = len(split.xyz)
     if total == 0:
@@ -122,9 +123,7 @@ def score(logits: np.ndarray, labels: np.ndarray) -> Metrics:
 
 
 @partial(jax.jit, static_argnums=0)
-def _logits(
-    graphdef: nnx.GraphDef, state: nnx.State, xyz: Array, mask: Array, rows: Int[Array, "s b"]
-) -> Float[Array, "s*b classes"]:
+def _logits(graphdef: Any, state: Any, xyz: Array, mask: Array, rows: Int[Array, "s b"]) -> Float[Array, "s*b classes"]:
     """Logits of the clouds `rows`, batch after batch."""
 
     def one(row: Int[Array, " b"]) -> Float[Array, "b classes"]:

@@ -73,7 +73,7 @@ def make_optimizer(
         raise ValueError(f"options: {name} takes {known}; got {', '.join(sorted(unknown))}")
 
     @functools.wraps(recipe.factory)  # its signature tells inject_hyperparams the numbers
-    def clipped(learning_rate: float, **chosen: Any) -> optax.GradientTransformation:
+    def clipped(learning_rate: Any, **chosen: Any) -> optax.GradientTransformation:
         inner = recipe.factory(learning_rate, **chosen)
         return inner if clip_norm is None else optax.chain(optax.clip_by_global_norm(clip_norm), inner)
 

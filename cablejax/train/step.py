@@ -74,7 +74,7 @@ def rate_at(step: Int[Array, ""], schedule: Schedule, *, kind: str) -> Float[Arr
 
 
 def make_runner(
-    graphdef: nnx.GraphDef, optimizer: optax.GradientTransformation, config: TrainConfig, *, full_set: bool
+    graphdef: Any, optimizer: optax.GradientTransformation, config: TrainConfig, *, full_set: bool
 ) -> Runner:
     """The function that trains on the batches `rows [s, b]` of the data, to be jit-compiled with its state donated.
 
@@ -95,7 +95,7 @@ def make_runner(
     def gradient(params: Any, rest: Any, data: Data, row: Array) -> tuple[Any, Any, StepReport]:
         batch = [jnp.take(each, row, axis=0) for each in data]
         (loss, (rest, correct)), grads = jax.value_and_grad(loss_of, has_aux=True)(params, rest, *batch)
-        return grads, rest, StepReport(loss, correct, optax.global_norm(grads))
+        return grads, rest, StepReport(loss, correct, optax.tree.norm(grads))
 
     def update(state: TrainState, grads: Any, rest: Any, schedule: Schedule) -> TrainState:
         rate = rate_at(state.step, schedule, kind=config.schedule)

@@ -9,7 +9,7 @@ from cablejax.nets.aedgeconv import AEdgeConv
 from cablejax.nets.head import Classifier, pool_points
 from cablejax.nets.init import he_normal
 from cablejax.nets.norm import BatchNorm
-from cablejax.nets.pose import Pose, pose_channels, pose_clouds
+from cablejax.nets.pose import pose_channels, pose_clouds
 
 
 class DGCNN(nnx.Module):
@@ -31,12 +31,12 @@ class DGCNN(nnx.Module):
         num_classes: int,
         *,
         k: int = 20,
-        pose: Pose = "cylinder",
+        pose: str = "cylinder",
         scale_mm: float = 20.0,
         dropout: float = 0.5,
         rngs: nnx.Rngs,
     ):
-        self.pose: Pose = pose
+        self.pose: str = pose
         self.scale_mm = scale_mm
         widths = (64, 64, 128, 256)
         inputs = (pose_channels(pose), *widths[:-1])

@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float
 from cablejax.nets.head import Classifier, pool_points
 from cablejax.nets.init import he_normal
 from cablejax.nets.norm import BatchNorm
-from cablejax.nets.pose import Pose, pose_channels, pose_clouds
+from cablejax.nets.pose import pose_channels, pose_clouds
 
 
 class PointLayers(nnx.Module):
@@ -72,12 +72,12 @@ class PointNet(nnx.Module):
         self,
         num_classes: int,
         *,
-        pose: Pose = "cylinder",
+        pose: str = "cylinder",
         scale_mm: float = 20.0,
         dropout: float = 0.3,
         rngs: nnx.Rngs,
     ):
-        self.pose: Pose = pose
+        self.pose: str = pose
         self.scale_mm = scale_mm
         channels = pose_channels(pose)
         self.align_input = Alignment(channels, rngs=rngs)

@@ -1,0 +1,162 @@
+"""Published sizes, and the laws every network obeys: padding, permutation, evaluation, rotation about the cable."""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from flax import nnx
+
+from cablejax.nets import MODELS, BatchNorm, build_model, count_parameters, depth_image
+
+B, N, CLASSES = 3, 48, 5
+
+
+def clouds(extra=0, seed=0):
+    """Half-cylinders in mm, with `extra` rows of padding that hold garbage."""
+    rng = np.random.default_rng(seed)
+    angle = np.radians(rng.uniform(-90, 90, (B, N)))
+    radius = np.array([[10.0], [14.0], [20.0]]) + rng.normal(0, 0.2, (B, N))
+    xyz = np.stack([rng.uniform(-50, 50, (B, N)), radius * np.cos(angle), radius * np.sin(angle)], axis=2)
+    xyz -= xyz.mean(axis=1, keepdims=True)
+    xyz = np.concatenate([xyz, rng.normal(0, 1e3, (B, extra, 3))], axis=1)
+    mask = np.broadcast_to(np.arange(N + extra) < N, (B, N + extra))
+    return jnp.asarray(xyz, jnp.float32), jnp.asarray(mask)
+
+
+def small(name):
+    options = {"k": 6} if name in ("adgcnn", "dgcnn") else {}
+    if name == "adgcnn":
+        options |= {"widths": (8, 8, 8, 16), "raster_shape": (4, 8), "raster_width": 8}
+    return build_model(name, CLASSES, rngs=nnx.Rngs(0), **options)
+
+
+@partial(jax.jit, static_argnums=0)
+def _run(graphdef, state, xyz, mask):
+    model = nnx.merge(graphdef, state, copy=True)
+    logits = model(xyz, mask)
+    return logits, nnx.state(model)
+
+
+def run(model, xyz, mask):
+    return _run(*nnx.split(model), xyz, mask)
+
+
+@pytest.mark.parametrize(
+    ("name", "classes", "options", "published"),
+    [
+        ("alexnet", 1000, {"size": 224, "in_channels": 3}, 60_965_224),
+        ("vgg16", 1000, {"size": 224, "in_channels": 3}, 138_357_544),
+        ("resnet50", 1000, {"size": 224, "in_channels": 3}, 25_557_032),
+    ],
+)
+def test_parameters_as_published(name, classes, options, published):
+    model = nnx.eval_shape(lambda: build_model(name, classes, rngs=nnx.Rngs(0), **options))
+    assert count_parameters(model) == published
+
+
+@pytest.mark.parametrize(("name", "millions"), [("dgcnn", 1.8), ("pointnet", 3.5)])
+def test_point_networks_have_the_published_size(name, millions):
+    model = nnx.eval_shape(lambda: build_model(name, 40, rngs=nnx.Rngs(0), pose="none"))
+    assert round(count_parameters(model) / 1e6, 1) == millions
+
+
+@pytest.mark.parametrize("name", ["adgcnn", "pointnet"])
+def test_padding_changes_neither_logits_nor_statistics(name):
+    model = small(name)
+    if name == "pointnet":
+        model.classifier.dropout = None  # else the masks differ by design: streams advance
+    plain, padded = (run(model, *clouds(extra)) for extra in (0, 9))
+    for a, b in zip(jax.tree.leaves(plain), jax.tree.leaves(padded), strict=True):
+        if jnp.issubdtype(a.dtype, jnp.floating):
+            # Sums over 48 and 57 rows are associated differently; batch norm over 3 clouds magnifies that.
+            np.testing.assert_allclose(a, b, rtol=2e-3, atol=2e-3)
+
+
+def test_points_in_another_order_give_the_same_logits():
+    model = small("adgcnn")
+    model.eval()
+    xyz, mask = clouds()
+    order = np.random.default_rng(1).permutation(N)
+    (plain, _), (shuffled, _) = run(model, xyz, mask), run(model, xyz[:, order], mask)
+    np.testing.assert_allclose(shuffled, plain, rtol=1e-3, atol=1e-3)
+
+
+def test_a_turned_cable_gives_the_same_prediction():
+    model = small("adgcnn")
+    model.eval()
+    xyz, mask = clouds()
+    turn = np.radians(130.0)
+    rotation = jnp.array([[1, 0, 0], [0, np.cos(turn), -np.sin(turn)], [0, np.sin(turn), np.cos(turn)]], jnp.float32)
+    (plain, _), (turned, _) = run(model, xyz, mask), run(model, xyz @ rotation.T, mask)
+    np.testing.assert_allclose(turned, plain, rtol=5e-2, atol=5e-2)
+    np.testing.assert_array_equal(turned.argmax(axis=1), plain.argmax(axis=1))
+
+
+def test_each_stage_can_be_left_out():
+    counts = {}
+    for switches in ((0, 0, 0), (1, 0, 0), (1, 1, 0), (1, 0, 1), (1, 1, 1)):
+        attention, enhancement, fusion = map(bool, switches)
+        model = nnx.eval_shape(
+            lambda a=attention, e=enhancement, f=fusion: build_model(
+                "adgcnn", 13, rngs=nnx.Rngs(0), attention=a, enhancement=e, fusion=f
+            )
+        )
+        counts[switches] = count_parameters(model)
+    assert len(set(counts.values())) == 5
+    assert counts[0, 0, 0] < counts[1, 0, 0] < counts[1, 1, 0] < counts[1, 1, 1]
+
+
+def test_every_parameter_of_adgcnn_gets_a_gradient():
+    graphdef, params, rest = nnx.split(small("adgcnn"), nnx.Param, ...)
+    xyz, mask = clouds()
+
+    @jax.jit
+    def gradient(params):
+        def loss(params):
+            return jnp.sum(nnx.merge(graphdef, params, rest, copy=True)(xyz, mask)[:, 0] ** 3)
+
+        return jax.grad(loss)(params)
+
+    for path, leaf in jax.tree.leaves_with_path(gradient(params)):
+        assert bool(jnp.isfinite(leaf).all()), path
+        assert float(jnp.abs(leaf).max()) > 0, path
+
+
+def test_an_image_network_runs_on_clouds():
+    model = build_model("alexnet", CLASSES, rngs=nnx.Rngs(0))
+    model.eval()
+    logits, _ = run(model, *clouds())
+    assert logits.shape == (B, CLASSES)
+    assert bool(jnp.isfinite(logits).all())
+
+
+def test_depth_image_keeps_the_nearest_point_and_metric_size():
+    xyz = jnp.array([[0.0, 0.0, 5.0], [0.0, 0.0, -5.0], [20.0, 0.0, 0.0], [99.0, 0.0, 0.0], [0.0, 9.0, 0.0]])
+    image = depth_image(xyz, jnp.array([True, True, True, True, False]), size=10, extent_mm=50.0)
+    expected = np.zeros((10, 10))
+    expected[5, 5] = 0.6  # 0.5 + 5 / 50: the nearer of two
+    expected[5, 9] = 0.5  # 20 mm are 4 pixels
+    np.testing.assert_allclose(image, expected, atol=1e-6)
+
+
+def test_batch_norm_equals_numpy_and_skips_rows_of_weight_zero():
+    rng = np.random.default_rng(0)
+    x, weight = rng.normal(1e3, 1.0, (6, 5, 3)), rng.random((6, 5)) < 0.7
+    norm = BatchNorm(3, momentum=0.9)
+    found = norm(jnp.asarray(x, jnp.float32), jnp.asarray(weight, jnp.float32))
+    mean, var = x[weight].mean(axis=0), x[weight].var(axis=0)
+    np.testing.assert_allclose(found, (x - mean) / np.sqrt(var + 1e-5), atol=2e-3)  # 1e3 in float32: steps of 6e-5
+    np.testing.assert_allclose(norm.mean[...], 0.1 * mean, rtol=1e-5)
+    np.testing.assert_allclose(norm.var[...], 0.9 + 0.1 * var, rtol=1e-3)
+
+
+def test_unknown_names_and_options_are_refused():
+    with pytest.raises(ValueError, match="name: expected one of adgcnn"):
+        build_model("lenet", 3, rngs=nnx.Rngs(0))
+    with pytest.raises(ValueError, match="options: pointnet"):
+        build_model("pointnet", 3, rngs=nnx.Rngs(0), depth=3)
+    with pytest.raises(ValueError, match="pose: expected one of"):
+        build_model("adgcnn", 3, rngs=nnx.Rngs(0), pose="sideways")
+    assert set(MODELS) == {"adgcnn", "dgcnn", "pointnet", "alexnet", "vgg16", "resnet50"}

@@ -1,0 +1,189 @@
+"""The loop: learns, resumes bit for bit after SIGKILL, stops at NaN, gradient descent on the whole set."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from flax import nnx
+
+from cablejax.train import TrainConfig, TrainingDiverged, cross_entropy, evaluate, fit
+from cablejax.train.metrics import class_average_accuracy, confusion_matrix, overall_accuracy
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+class Split(NamedTuple):
+    xyz: np.ndarray
+    mask: np.ndarray
+    label: np.ndarray
+
+
+def split(clouds=24, seed=0):
+    """Clouds whose class is their size."""
+    rng = np.random.default_rng(seed)
+    label = (np.arange(clouds) % 3).astype(np.int32)
+    xyz = rng.normal(size=(clouds, 8, 3)) * (1.0 + label[:, None, None])
+    return Split(xyz.astype(np.float32), np.ones((clouds, 8), bool), label)
+
+
+class Tiny(nnx.Module):
+    """A network of the library's call signature, with everything a state can hold."""
+
+    def __init__(self, rngs):
+        self.hidden = nnx.Linear(3, 16, rngs=rngs)
+        self.norm = nnx.BatchNorm(16, momentum=0.9, use_fast_variance=False, rngs=rngs)
+        self.dropout = nnx.Dropout(0.1, rngs=rngs)
+        self.out = nnx.Linear(16, 3, rngs=rngs)
+
+    def __call__(self, xyz, mask):
+        pooled = jnp.sqrt(jnp.mean(xyz**2, axis=1, where=mask[..., None]))
+        return self.out(self.dropout(jax.nn.relu(self.norm(self.hidden(pooled)))))
+
+
+def settings(**changes):
+    return TrainConfig(**{"optimizer": "adam", "learning_rate": 0.02, "epochs": 6, "batch_size": 8, **changes})
+
+
+def weights(result):
+    return [np.asarray(leaf) for leaf in jax.tree.leaves(nnx.state(result.model, nnx.Param))]
+
+
+def test_learns_and_leaves_the_given_model_alone():
+    model = Tiny(nnx.Rngs(0))
+    before = [np.array(leaf) for leaf in jax.tree.leaves(nnx.state(model, nnx.Param))]
+    result = fit(model, split(), split(seed=1), settings(epochs=40), progress=False)
+    assert result.history[-1].validation_overall > 0.8
+    assert result.history[-1].train_loss < result.history[0].train_loss
+    for old, now in zip(before, jax.tree.leaves(nnx.state(model, nnx.Param)), strict=True):
+        np.testing.assert_array_equal(old, now)
+    metrics = evaluate(result.model, split(seed=1), batch_size=5)
+    assert metrics.overall == pytest.approx(result.history[-1].validation_overall)
+    assert metrics.loss == pytest.approx(result.history[-1].validation_loss, rel=1e-5)
+
+
+def test_running_statistics_move():
+    result = fit(Tiny(nnx.Rngs(0)), split(), None, settings(epochs=1), progress=False)
+    assert float(jnp.abs(result.model.norm.mean[...]).max()) > 0
+
+
+@pytest.mark.parametrize("changes", [{}, {"ema_decay": 0.9, "keep_best": True, "schedule": "cosine"}])
+def test_resumed_equals_uninterrupted(tmp_path, changes):
+    config = settings(**changes)
+    whole = fit(Tiny(nnx.Rngs(0)), split(), split(seed=1), config, progress=False)
+
+    class Stop(Exception):
+        pass
+
+    def cut(epoch):
+        if epoch == 4:
+            raise Stop
+        return split()
+
+    with pytest.raises(Stop):
+        fit(Tiny(nnx.Rngs(0)), cut, split(seed=1), config, folder=tmp_path, progress=False)
+    resumed = fit(Tiny(nnx.Rngs(7)), split(), split(seed=1), config, folder=tmp_path, progress=False)
+    for a, b in zip(weights(whole), weights(resumed), strict=True):
+        np.testing.assert_array_equal(a, b)
+    for a, b in zip(whole.history, resumed.history, strict=True):
+        assert a.scalars() | {"train/seconds": 0} == b.scalars() | {"train/seconds": 0}
+
+
+CHILD = """
+import sys
+from tests.train.test_fit import *
+result = fit(Tiny(nnx.Rngs(0)), split(), split(seed=1), settings(epochs=60), folder=sys.argv[1], progress=False)
+np.savez(sys.argv[2], *weights(result))
+"""
+
+
+def test_killed_runs_end_bit_identical(tmp_path):
+    command = [sys.executable, "-c", CHILD, str(tmp_path / "run"), str(tmp_path / "end.npz")]
+    rng = np.random.default_rng(0)
+    for _ in range(3):
+        child = subprocess.Popen(command, cwd=ROOT, env=os.environ)
+        while not list((tmp_path / "run").rglob("*.ckpt")) and child.poll() is None:
+            time.sleep(0.01)
+        time.sleep(rng.uniform(0.0, 0.3))
+        child.send_signal(signal.SIGKILL)
+        child.wait()
+    subprocess.run(command, cwd=ROOT, env=os.environ, check=True)
+    whole = fit(Tiny(nnx.Rngs(0)), split(), split(seed=1), settings(epochs=60), progress=False)
+    with np.load(tmp_path / "end.npz") as end:
+        for a, b in zip(weights(whole), end.values(), strict=True):
+            np.testing.assert_array_equal(a, b)
+
+
+def test_a_folder_of_another_run_is_refused(tmp_path):
+    fit(Tiny(nnx.Rngs(0)), split(), None, settings(epochs=1), folder=tmp_path, progress=False)
+    with pytest.raises(ValueError, match=r"holds a run with learning_rate = 0.02, this one has 0.5"):
+        fit(Tiny(nnx.Rngs(0)), split(), None, settings(epochs=1, learning_rate=0.5), folder=tmp_path, progress=False)
+    with pytest.raises(ValueError, match="holds a run on other data"):
+        fit(Tiny(nnx.Rngs(0)), split(seed=9), None, settings(epochs=1), folder=tmp_path, progress=False)
+
+
+def test_nan_stops_with_step_batch_and_state(tmp_path):
+    data = split()
+    data.xyz[5] = np.nan
+    with pytest.raises(TrainingDiverged, match=r"the loss is nan at step \d .*the state is in") as caught:
+        fit(Tiny(nnx.Rngs(0)), data, None, settings(steps_per_dispatch=1), folder=tmp_path, progress=False)
+    assert 5 in caught.value.details["rows"]
+    assert list((tmp_path / "diverged").glob("*.ckpt"))
+
+
+def test_sgd_takes_one_step_with_the_gradient_of_the_whole_set():
+    class Linear(nnx.Module):
+        def __init__(self):
+            self.out = nnx.Linear(3, 3, rngs=nnx.Rngs(0))
+
+        def __call__(self, xyz, mask):
+            return self.out(jnp.mean(jnp.abs(xyz), axis=1))
+
+    data, model = split(), Linear()
+    graphdef, params = nnx.split(model)
+
+    def loss(params):
+        logits = nnx.merge(graphdef, params)(jnp.asarray(data.xyz), jnp.asarray(data.mask))
+        return jnp.mean(cross_entropy(logits, jnp.asarray(data.label)))
+
+    expected = jax.tree.map(lambda p, g: p - 0.3 * g, params, jax.grad(loss)(params))
+    result = fit(model, data, None, settings(optimizer="sgd", learning_rate=0.3, epochs=1), progress=False)
+    for a, b in zip(weights(result), jax.tree.leaves(expected), strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-5, atol=1e-6)
+
+
+def test_early_stopping_returns_the_best_epoch():
+    config = settings(epochs=50, patience=2, keep_best=True, learning_rate=1e-6)
+    result = fit(Tiny(nnx.Rngs(0)), split(), split(seed=1), config, progress=False)
+    assert len(result.history) < 50
+    assert evaluate(result.model, split(seed=1)).overall == result.history[result.best_epoch - 1].validation_overall
+
+
+def test_metrics_of_equations_20_and_21():
+    confusion = confusion_matrix(np.array([0, 0, 0, 1]), np.array([0, 0, 1, 1]), 3)
+    assert overall_accuracy(confusion) == 0.75
+    assert class_average_accuracy(confusion) == pytest.approx((2 / 3 + 1) / 2)
+
+
+def test_cross_entropy_equals_numpy():
+    rng = np.random.default_rng(0)
+    logits, labels = rng.normal(size=(5, 4)), rng.integers(0, 4, 5)
+    log_p = logits - np.log(np.exp(logits).sum(axis=1, keepdims=True))
+    target = 0.9 * np.eye(4)[labels] + 0.1 / 4
+    found = cross_entropy(jnp.asarray(logits, jnp.float32), jnp.asarray(labels), label_smoothing=0.1)
+    np.testing.assert_allclose(found, -(target * log_p).sum(axis=1), rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    "change", [{"epochs": 0}, {"optimizer": "x"}, {"label_smoothing": 1.0}, {"schedule": "step"}, {"patience": 0}]
+)
+def test_settings_out_of_range_are_named(change):
+    with pytest.raises(ValueError, match=next(iter(change))):
+        fit(Tiny(nnx.Rngs(0)), split(), None, settings(**change), progress=False)
