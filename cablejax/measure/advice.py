@@ -52,6 +52,14 @@ def arc_too_small(arc_deg: float, least_deg: float, find: Find) -> MeasureError:
     )
 
 
+def unknown_diameter(diameter_mm: float, std_mm: float, arc_deg: float) -> MeasureError:
+    """The error for a fit that leaves the diameter open."""
+    return MeasureError(
+        f"The diameter cannot be told: {diameter_mm:.4g} mm with a standard uncertainty of {std_mm:.4g} mm, from "
+        f"{arc_deg:.0f} degrees of the circumference. Scan the cable with less noise or from more sides."
+    )
+
+
 def _about_unit(result: CableMeasurement) -> list[str]:
     size = f"The diameter comes out at {result.diameter_mm:.4g} mm"
     if result.diameter_mm < SMALLEST_MM:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int, Num
 
-from cablejax.measure.advice import arc_too_small, check_cloud, nothing_found, warnings_about
+from cablejax.measure.advice import arc_too_small, check_cloud, nothing_found, unknown_diameter, warnings_about
 from cablejax.measure.alignment import Profile, blocks, shared_errors
 from cablejax.measure.axis import Axis, locate, smoothed, trimmed
 from cablejax.measure.bend import tightest_bend
@@ -23,6 +23,7 @@ from cablejax.measure.walk import Walk
 from cablejax.types import PointCloud
 
 MIN_ON_CABLE = 30
+WORST_STD = 0.2  # of the diameter: beyond, there is none to report
 KEEP_SIGMA = 3.5  # standard deviations from the surface within which a point counts as the cable's
 
 
@@ -239,6 +240,8 @@ def _assembled(
         filter_std_mm=settings.filter_std_mm,
     )
     std = combined(lines)
+    if std > WORST_STD * diameter:
+        raise unknown_diameter(diameter, std, arc)
     used = fit.weight > 0
     axis = trimmed(fit.axis, float(fit.place.s[used].min()), float(fit.place.s[used].max()))
     per_section = max(float(np.median(sections.points)), 1.0)
