@@ -50,9 +50,13 @@ def search(
 
 
 def share_for(k: int) -> int:
-    """Leaves per block: what the neighbourhoods of its queries overlap on a surface, half as many again, and even."""
+    """Leaves per block: what the neighbourhoods of its queries overlap on a surface, several times over, and even.
+
+    A scan is no even sheet: its lines are denser along than across, and its noise has depth. With half as many again, 40,355
+    of the 53,135 points of such a scan were left to the search row by row and took seven times as long as with this.
+    """
     across = 2.0 * LEAF**0.5 + 2.0 * ((k + 1) / 3.1416) ** 0.5
-    return 2 * int(0.6 * across**2 / LEAF + 4)
+    return 2 * int(2.2 * across**2 / LEAF + 4)
 
 
 def _own(targets: Tree, include_self: bool) -> Int[Array, "leaves 16"]:
