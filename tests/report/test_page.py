@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from cablejax.report import Page, data_uri, figure_style, point_scene, point_views, png_bytes, thin
+from cablejax.report import Page, data_uri, figure_style, png_bytes, point_scene, point_views, thin
 
 
 def clouds() -> dict[str, tuple[np.ndarray, np.ndarray]]:
