@@ -9,6 +9,9 @@ from jaxtyping import Array, Bool, Float, Int
 from cablejax.types import Status
 
 
+WIDEST = 1.0  # radius, in root-mean-square distances of the points to their centroid, from which a fit is no cable
+
+
 class CylinderFrame(NamedTuple):
     """A cloud in the coordinates of the (gently bent) cylinder fitted to it, in the cloud's unit.
 
@@ -88,8 +91,8 @@ def cylinder_frame(
         along, *across = jnp.moveaxis((xyz - centroid[None, :]) @ rotation.T / scale, 1, 0)
         return _fit_bent_circle(along, jnp.stack(across, axis=1), weight, iterations=iterations)
 
-    lines, _, _, costs = jax.vmap(fit)(candidates)
-    first = jnp.argmin(jnp.where(jnp.isfinite(costs), costs, jnp.inf))
+    lines, _, radii, costs = jax.vmap(fit)(candidates)
+    first = jnp.argmin(jnp.where(jnp.isfinite(costs) & (radii < WIDEST), costs, jnp.inf))
     # A tilted section is an ellipse: turn the axis along the centre line and fit again.
     rotation = _tilted(candidates[first], lines[first, 1])
     rotation = _tilted(rotation, fit(rotation)[0][1])
@@ -101,7 +104,8 @@ def cylinder_frame(
     angle = jnp.mod(angle + jnp.pi, 2.0 * jnp.pi) - jnp.pi
     count = jnp.sum(mask)
     status = jnp.where(count == 0, int(Status.EMPTY), 0)
-    bad = (count < 8) | ~jnp.isfinite(cost)
+    # A nearly flat side fits a huge circle too: one such cloud in a hundred ruins a network's running statistics.
+    bad = (count < 8) | ~jnp.isfinite(cost) | (radius >= WIDEST)
     status = status | jnp.where(bad, int(Status.DEGENERATE), 0)
     keep = mask & ~bad
     return CylinderFrame(
