@@ -8,7 +8,6 @@ from jaxtyping import Array, Bool, Float, Int
 
 from cablejax.types import Status
 
-
 WIDEST = 1.0  # radius, in root-mean-square distances of the points to their centroid, from which a fit is no cable
 
 
