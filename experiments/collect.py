@@ -106,7 +106,8 @@ def collect(experiment: str, *, size: str, runs: Path, out: Path, revision: str 
         "seeds": sorted({row["seed"] for row in rows}),
         "code_revision": first["code_revision"],
         "seconds": round(sum(record["seconds"] for record in records), 1),
-        "provenance": {k: v for k, v in first["provenance"].items() if k != "seeds"},
+        # The code revision, taken when the code was loaded, says more than the work tree at the end of the first run.
+        "provenance": {k: v for k, v in first["provenance"].items() if k not in ("seeds", "git")},
         "config": fixed,
         "runs": rows,
     }
