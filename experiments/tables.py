@@ -198,6 +198,7 @@ def optimizers(results: Results) -> Table:
         "Figure 13: ADGCNN on simulated cables under five optimizers",
         [
             "Optimizer",
+            "rate",
             "accuracy (eq 20)",
             "class average (eq 21)",
             "first loss",
