@@ -3,6 +3,7 @@
 import os
 import re
 import sys
+import traceback
 from collections.abc import Callable
 from typing import Any
 
@@ -13,10 +14,19 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from cablejax.io import PointFileError
+from cablejax.train import TrainingDiverged
 from cablejax.types import StatusError
-from experiments import ROOT, schema
+from experiments import ROOT, schema, sweep
 from experiments.runs import Task, execute
 
+EXPECTED = (
+    OmegaConfBaseException,
+    ValueError,
+    PointFileError,
+    StatusError,
+    TrainingDiverged,
+)  # a person's doing, worded in one line
+UNTOLD = ("experiment=", "launcher=", "size=", "out=")  # the same in all jobs of a sweep
 USAGE_ERROR = 2
 INTERRUPTED = 130
 
@@ -43,16 +53,22 @@ def one_line(error: BaseException) -> str:
     return re.sub(r"\bschema_\w+ ", "", " ".join(kept))
 
 
-def main(task: Task, *, experiment: str, headline: Callable[[dict[str, Any]], str]) -> None:
+def main(
+    task: Task,
+    *,
+    experiment: str,
+    headline: Callable[[dict[str, Any]], str],
+    objective: Callable[[dict[str, Any]], float] | None = None,
+) -> None:
     """Run a task as a Hydra application; `-m` sweeps, and what is finished already is not run again.
 
-    A job that fails on its configuration or its file is named and does not take the others of its sweep along; the exit
-    code then tells.
+    A job of a sweep that fails is named, in the summary too, and does not take the others along; the exit code then tells.
 
     Args:
         task: Takes the configuration and the run's folder, returns metrics.
         experiment: File under conf/experiment/ that holds unless the command line names another.
         headline: What to say of a run's metrics in one line.
+        objective: What a tuning sweeper (`sweeper=optuna`) makes as large as it can.
     """
     # Hydra then raises instead of printing several lines and leaving; the errors are worded below.
     os.environ["HYDRA_FULL_ERROR"] = "1"
@@ -60,32 +76,49 @@ def main(task: Task, *, experiment: str, headline: Callable[[dict[str, Any]], st
     if not any(argument.startswith("experiment=") for argument in sys.argv[1:]):
         sys.argv.append(f"experiment={experiment}")
 
-    failed: list[str] = []
-    home = os.getpid()
-
-    def job(composed: DictConfig) -> None:
-        label = ",".join(o for o in HydraConfig.get().overrides.task if not o.startswith(("experiment=", "out=")))
+    def job(composed: DictConfig) -> float | None:
+        label = ",".join(o for o in HydraConfig.get().overrides.task if not o.startswith(UNTOLD))
+        if not sweep.in_sweep():
+            metrics, _ = _run_job(task, composed, label, headline)
+            return None if objective is None else objective(metrics)
         try:
-            config = to_config(composed)
-            record, there_already = execute(task, config, label=label)
-        except (ValueError, PointFileError, StatusError) as error:
-            if (
-                os.getpid() != home
-            ):  # another process's list would be lost: there Hydra's launcher carries the error back
-                raise
-            failed.append(label)
-            print(f"error: {one_line(error)}" + (f" [{label}]" if label else ""), file=sys.stderr, flush=True)
-            return
-        state = "done before" if there_already else f"{record['seconds']:.1f} s"
-        print(f"{config.name} [{label}] {headline(record['metrics'])} ({state})", flush=True)
+            metrics, outcome = _run_job(task, composed, label, headline)
+        except Exception as error:  # noqa: BLE001 - whatever it is, the other jobs go on
+            sweep.keep(sweep.Outcome(label, sweep.FAILED, _told(error), 0.0))
+            return float("nan")
+        sweep.keep(outcome)
+        return None if objective is None else objective(metrics)
 
     try:
         hydra.main(config_path=str(ROOT / "conf"), config_name="config", version_base="1.3")(job)()
-    except (HydraException, OmegaConfBaseException, ValueError, PointFileError, StatusError) as error:
+    except (HydraException, *EXPECTED) as error:
         print(f"error: {one_line(error)}", file=sys.stderr)
         sys.exit(USAGE_ERROR)
     except KeyboardInterrupt:
         print("\nInterrupted. The same command goes on from here.", file=sys.stderr)
         sys.exit(INTERRUPTED)
-    if failed:
+    if any(outcome.state == sweep.FAILED for outcome in sweep.Summary.finished):
         sys.exit(USAGE_ERROR)
+
+
+def _run_job(task: Task, composed: DictConfig, label: str, headline: Callable[[dict[str, Any]], str]):
+    """Run one job and say so; its metrics and its outcome."""
+    try:
+        config = to_config(composed)
+        record, there_already = execute(task, config, label=label)
+    except EXPECTED as error:
+        print(f"error: {one_line(error)}" + (f" [{label}]" if label else ""), file=sys.stderr, flush=True)
+        raise
+    text = headline(record["metrics"])
+    state = sweep.DONE_BEFORE if there_already else sweep.DONE
+    told = state if there_already else f"{record['seconds']:.1f} s"
+    print(f"{config.name} [{label}] {text} ({told})", flush=True)
+    return record["metrics"], sweep.Outcome(label, state, text, record["seconds"])
+
+
+def _told(error: Exception) -> str:
+    """A failed job's error in one line; an unexpected one is shown with its traceback, for whoever mends it."""
+    if isinstance(error, EXPECTED):
+        return one_line(error)
+    traceback.print_exception(error)
+    return f"{type(error).__name__}: {one_line(error)}"

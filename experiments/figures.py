@@ -161,7 +161,7 @@ def optimizer_curves(results: Results) -> Drawing:
     right.set_ylim(0, 1.05)
     for ax in (left, right):
         ax.set_xlabel("epoch")
-    figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=5)
+    figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return Drawing(
         "fig13_optimizers",
         figure,

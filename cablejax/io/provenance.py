@@ -68,13 +68,13 @@ def write_json(path: str | os.PathLike[str], obj: Any) -> None:
     """Write JSON in one step: the old file stays until the new one is whole on the disk.
 
     Dataclasses, NamedTuples, paths, NumPy and JAX values are converted. JSON has no NaN and no infinity: both become
-    null.
+    null. One key a line, and a list of numbers on one line, so that a difference can be read.
 
     Raises:
         ValueError: If a value has no JSON form, naming its type.
         OSError: If the file cannot be written; the old one is untouched.
     """
-    text = json.dumps(jsonable(obj), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    text = _layout(jsonable(obj)) + "\n"
     with atomic_write(path) as file:
         file.write(text.encode())
 
@@ -119,6 +119,21 @@ def jsonable(value: Any) -> Any:
     if isinstance(value, os.PathLike):
         return os.fspath(value)
     raise ValueError(f"obj: expected JSON-ready values, got {type(value).__name__}")
+
+
+def _layout(value: Any, indent: str = "") -> str:
+    """JSON text: dicts and lists that hold dicts take a line an entry, all else is written on one line."""
+    plain = not value or not isinstance(value, dict | list)
+    if plain or (isinstance(value, list) and not any(isinstance(item, dict) for item in value)):
+        return json.dumps(value, ensure_ascii=False, allow_nan=False)
+    deeper = indent + "  "
+    if isinstance(value, list):
+        lines, brackets = [_layout(item, deeper) for item in value], "[]"
+    else:
+        lines = [f"{json.dumps(key, ensure_ascii=False)}: {_layout(item, deeper)}" for key, item in value.items()]
+        brackets = "{}"
+    body = ",\n".join(deeper + line for line in lines)
+    return f"{brackets[0]}\n{body}\n{indent}{brackets[1]}"
 
 
 def _git(folder: Path, *arguments: str) -> str | None:

@@ -108,6 +108,15 @@ def test_json_round_trip(tmp_path):
     assert read_json(path) == {"array": [0, 1, 2], "nan": None, "pair": {"a": 1.5, "b": 2}, "set": [1, 3], "none": None}
 
 
+def test_json_is_laid_out_for_reading(tmp_path):
+    path = tmp_path / "a.json"
+    write_json(path, {"rows": [{"x": [1, 2.5], "empty": {}}], "matrix": [[1, 0], [0, 1]], "none": []})
+    assert path.read_text() == (
+        '{\n  "rows": [\n    {\n      "x": [1, 2.5],\n      "empty": {}\n    }\n  ],\n'
+        '  "matrix": [[1, 0], [0, 1]],\n  "none": []\n}\n'
+    )
+
+
 def test_json_failures_leave_the_old_file(tmp_path):
     path = tmp_path / "a.json"
     write_json(path, [1])
