@@ -7,7 +7,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from hydra.core.config_store import ConfigStore
-from omegaconf import MISSING
+from omegaconf import MISSING, OmegaConf
+
+from experiments import tuning
 
 NOISE_KINDS = ("none", "gaussian", "random", "compound")
 FORMS = ("linear", "exponential")
@@ -122,6 +124,7 @@ class DatasetConfig:
     """Simulated training clouds, one class per nominal cross-section."""
 
     version: str = MISSING
+    filtered: bool = False  # clouds go through outlier removal and the adaptive filter (order 2) first
     sizes_mm2: list[float] = field(default_factory=lambda: [25, 50, 95, 150, 240, 400])
     n_points: int = 256
     train_per_class: int = 64
@@ -149,14 +152,25 @@ class ModelConfig:
 
 @dataclass
 class OptimizerConfig:
-    """Which optimizer; the learning rate is always explicit."""
+    """Which optimizer; the learning rate is always explicit.
+
+    Attributes:
+        lowest_rate: The least learning rate that tuning tries; four decades for every optimizer.
+        highest_rate: The largest.
+        keras_rate: Keras' (and TensorFlow's) default, which the paper's framework would have used.
+    """
 
     name: str = MISSING
     learning_rate: float = MISSING
+    lowest_rate: float = MISSING
+    highest_rate: float = MISSING
+    keras_rate: float = MISSING
     options: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         _check(self.learning_rate > 0, "optimizer.learning_rate", "a positive learning rate", self.learning_rate)
+        _check(0 < self.lowest_rate < self.highest_rate, "optimizer.lowest_rate", "above 0 and below highest_rate",
+               self.lowest_rate)  # fmt: skip
 
 
 @dataclass
@@ -167,6 +181,7 @@ class TrainingConfig:
     batch_size: int = 32
     label_smoothing: float = 0.0
     log_every: int = 1
+    test: bool = True  # False while tuning: the test split is touched once, by what was chosen on validation
 
     def __post_init__(self) -> None:
         _check(self.epochs >= 1, "training.epochs", "at least 1 epoch", self.epochs)
@@ -181,6 +196,9 @@ class Config:
     name: str = MISSING
     size: str = "quick"
     seed: int = 0
+    rates: str = "stated"
+    trial: int = 0
+    variant: str = "full"
     out: str = "runs"
     tolerance_mm: float = 0.1
     timing_repeats: int = 3
@@ -195,12 +213,15 @@ class Config:
     def __post_init__(self) -> None:
         _check(self.size in SIZES, "size", f"one of {', '.join(SIZES)}", self.size)
         _check(self.seed >= 0, "seed", "a seed of 0 or above", self.seed)
+        _check(self.trial >= 0, "trial", "a trial of 0 or above", self.trial)
         _check(self.tolerance_mm > 0, "tolerance_mm", "a positive tolerance in mm", self.tolerance_mm)
         _check(self.timing_repeats >= 1, "timing_repeats", "at least 1", self.timing_repeats)
 
 
 def register() -> None:
-    """Make the schema known to Hydra under the names that conf/ uses."""
+    """Make the schema, and the resolvers of learning rates, known to Hydra under the names that conf/ uses."""
+    OmegaConf.register_new_resolver("trial_rate", tuning.trial_rate, replace=True)
+    OmegaConf.register_new_resolver("tuned_rate", tuning.tuned_rate, replace=True)
     store = ConfigStore.instance()
     store.store(name="schema", node=Config)
     for node in (StatisticalFilterConfig, RadiusFilterConfig, MedianFilterConfig, AdaptiveFilterConfig):

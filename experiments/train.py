@@ -6,22 +6,44 @@ python -m experiments.train -m experiment=fig13_optimizers
 
 from collections.abc import Callable
 from dataclasses import asdict
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
 import jax
+import jax.numpy as jnp
+import numpy as np
 from flax import nnx
 
 from cablejax.io import RunLogger
 from cablejax.nets import build_model
+from cablejax.ops import adaptive_filter, statistical_outliers
 from cablejax.simulate import DatasetConfig, Split, make_split, sample_clouds
-from cablejax.train import Metrics, TrainConfig, evaluate, fit
+from cablejax.train import Metrics, TrainConfig, TrainingDiverged, TrainResult, evaluate, fit
+from cablejax.types import PointCloud
 from experiments import app
 from experiments.schema import Config
 from experiments.schema import DatasetConfig as DatasetSchema
 
 FRESH_STREAM = 7  # apart from the streams of the fixed splits
+FILTER_K = 16  # neighbours of the filter on clouds of a few hundred points
+
+
+@partial(jax.jit, static_argnames=("k",))
+def _cleaned(xyz: jax.Array, mask: jax.Array, *, k: int = FILTER_K) -> tuple[jax.Array, jax.Array]:
+    """Outlier removal and the order-2 adaptive filter, one cloud after the other."""
+
+    def clean(cloud: PointCloud) -> PointCloud:
+        keep = statistical_outliers(cloud, k=k).keep
+        return PointCloud(adaptive_filter(PointCloud(cloud.xyz, keep), k=k, order=2).xyz, keep)
+
+    return tuple(jax.lax.map(clean, PointCloud(xyz, mask)))
+
+
+def filtered(split: Split) -> Split:
+    """A split whose clouds have been cleaned; points removed are masked."""
+    xyz, mask = _cleaned(jnp.asarray(split.xyz), jnp.asarray(split.mask))
+    return split._replace(xyz=np.asarray(xyz), mask=np.asarray(mask))
 
 
 def clouds_of(config: DatasetSchema, per_class: int) -> DatasetConfig:
@@ -37,18 +59,23 @@ def clouds_of(config: DatasetSchema, per_class: int) -> DatasetConfig:
 
 
 @lru_cache(maxsize=6)
-def _split(config: DatasetConfig, name: str) -> Split:
-    return make_split(config, name)
+def _split(config: DatasetConfig, name: str, clean: bool) -> Split:
+    return filtered(make_split(config, name)) if clean else make_split(config, name)
 
 
 def training_clouds(config: DatasetSchema) -> Split | Callable[[int], Split]:
     """The fixed training split, or with `dataset.fresh` a function that simulates new clouds for each epoch."""
     settings = clouds_of(config, config.train_per_class)
     if not config.fresh:
-        return _split(settings, "train")
+        return _split(settings, "train", config.filtered)
     root = jax.random.fold_in(jax.random.key(config.seed), FRESH_STREAM)
     total = config.train_per_class * len(config.sizes_mm2)
-    return lambda epoch: sample_clouds(settings, total, key=jax.random.fold_in(root, epoch))
+
+    def fresh(epoch: int) -> Split:
+        split = sample_clouds(settings, total, key=jax.random.fold_in(root, epoch))
+        return filtered(split) if config.filtered else split
+
+    return fresh
 
 
 def training_config(cfg: Config) -> TrainConfig:
@@ -65,27 +92,54 @@ def training_config(cfg: Config) -> TrainConfig:
     )
 
 
+def held_out(cfg: Config, name: str) -> Split:
+    """The validation or the test split of a configuration."""
+    per_class = cfg.dataset.validation_per_class if name == "validation" else cfg.dataset.test_per_class
+    return _split(clouds_of(cfg.dataset, per_class), name, cfg.dataset.filtered)
+
+
 def run(cfg: Config, folder: Path) -> dict[str, Any]:
-    """Train, choose the epoch on validation, touch the test split once."""
+    """Train, choose the epoch on validation, and touch the test split once, or not at all while tuning."""
     labels = [f"{size:g}" for size in cfg.dataset.sizes_mm2]
-    validation = _split(clouds_of(cfg.dataset, cfg.dataset.validation_per_class), "validation")
     model = build_model(cfg.model.name, len(labels), rngs=nnx.Rngs(cfg.seed), **cfg.model.options)
     with RunLogger(folder / "tensorboard") as log:
-        result = fit(model, training_clouds(cfg.dataset), validation, training_config(cfg), folder=folder, logger=log)
-        test_split = _split(clouds_of(cfg.dataset, cfg.dataset.test_per_class), "test")
-        test = evaluate(result.model, test_split)
-        _log_outcome(log, cfg, test, test_split, labels)
+        try:
+            result = fit(model, training_clouds(cfg.dataset), held_out(cfg, "validation"), training_config(cfg),
+                         folder=folder, logger=log)  # fmt: skip
+        except TrainingDiverged as error:
+            if cfg.training.test:
+                raise
+            return diverged(cfg, error)  # while tuning, a rate that is too large is an outcome
+        metrics = outcome(cfg, result)
+        if cfg.training.test:
+            split = held_out(cfg, "test")
+            test = evaluate(result.model, split)
+            _log_outcome(log, cfg, test, split, labels)
+            metrics |= {
+                "test_overall": test.overall,
+                "test_class_average": test.class_average,
+                "test_loss": test.loss,
+                "test_confusion": test.confusion.tolist(),
+            }
+    return metrics | {"labels_mm2": labels}
+
+
+def outcome(cfg: Config, result: TrainResult) -> dict[str, Any]:
+    """What training and validation say of a run."""
+    best = result.history[result.best_epoch - 1]
     return {
+        "learning_rate": cfg.optimizer.learning_rate,
         "history": [asdict(epoch) for epoch in result.history],
         "best_epoch": result.best_epoch,
-        "test_overall": test.overall,
-        "test_class_average": test.class_average,
-        "test_loss": test.loss,
-        "test_confusion": test.confusion.tolist(),
-        "labels_mm2": labels,
+        "validation_overall": best.validation_overall,
         "compile_seconds": result.compile_seconds,
         "train_seconds": result.seconds,
     }
+
+
+def diverged(cfg: Config, error: TrainingDiverged) -> dict[str, Any]:
+    """A tuning trial whose loss was no number: the accuracy of guessing none."""
+    return {"learning_rate": cfg.optimizer.learning_rate, "history": [], "validation_overall": 0.0, "error": str(error)}
 
 
 def _log_outcome(log: RunLogger, cfg: Config, test: Metrics, split: Split, labels: list[str]) -> None:
@@ -97,12 +151,12 @@ def _log_outcome(log: RunLogger, cfg: Config, test: Metrics, split: Split, label
 
 
 def headline(metrics: dict[str, Any]) -> str:
-    last = metrics["history"][-1]
-    return (
-        f"loss {last['train_loss']:.3f}, test accuracy {metrics['test_overall']:.3f} "
-        f"(best epoch {metrics['best_epoch']} on validation)"
-    )
+    if not metrics["history"]:
+        return f"rate {metrics['learning_rate']:g}: {metrics['error']}"
+    text = f"rate {metrics['learning_rate']:g}, loss {metrics['history'][-1]['train_loss']:.3f}, "
+    text += f"validation accuracy {metrics['validation_overall']:.3f} (best epoch {metrics['best_epoch']})"
+    return text + (f", test {metrics['test_overall']:.3f}" if "test_overall" in metrics else "")
 
 
 if __name__ == "__main__":
-    app.main(run, experiment="train", headline=headline)
+    app.main(run, experiment="train", headline=headline, objective=lambda metrics: metrics["validation_overall"])

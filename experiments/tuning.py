@@ -1,0 +1,62 @@
+"""Learning rates for a fair comparison: the same number of quasi-random trials for every optimizer, chosen on validation."""
+
+import numpy as np
+
+from cablejax.io import read_json
+from experiments import ROOT
+
+SEARCH = "optimizer_search"
+
+
+def van_der_corput(index: int) -> float:
+    """The radical inverse in base 2: each new number falls into the widest gap left by those before.
+
+    Example:
+        >>> [van_der_corput(i) for i in range(1, 6)]
+        [0.5, 0.25, 0.75, 0.125, 0.625]
+    """
+    number, share = 0.0, 0.5
+    while index:
+        number += share * (index & 1)
+        index >>= 1
+        share /= 2
+    return number
+
+
+def trial_rate(lowest: float, highest: float, trial: int) -> float:
+    """The learning rate of a trial (0, 1, ...), log-uniform between two bounds.
+
+    Example:
+        >>> [trial_rate(1e-4, 1.0, i) for i in range(3)]
+        [0.01, 0.001, 0.1]
+    """
+    rate = lowest * (highest / lowest) ** van_der_corput(trial + 1)
+    return float(f"{rate:.4g}")
+
+
+def best_accuracies(search: dict) -> dict[str, dict[float, float]]:
+    """Of a search's results file, the best validation accuracy of every optimizer at every rate, mean over seeds."""
+    found: dict[str, dict[float, list[float]]] = {}
+    for row in search["runs"]:
+        metrics = row["metrics"]
+        rates = found.setdefault(row["cell"]["optimizer.name"], {})
+        rates.setdefault(metrics["learning_rate"], []).append(metrics["validation_overall"])
+    return {
+        name: {rate: float(np.mean(values)) for rate, values in sorted(rates.items())} for name, rates in found.items()
+    }
+
+
+def tuned_rate(optimizer: str) -> float:
+    """The learning rate with the best validation accuracy in results/optimizer_search.json; of equals the larger.
+
+    Raises:
+        ValueError: If the search was not made, or not for this optimizer.
+    """
+    path = ROOT / "results" / f"{SEARCH}.json"
+    if not path.is_file():
+        raise ValueError(f"rates=tuned: expected results/{SEARCH}.json; run `make {SEARCH}` first")
+    accuracies = best_accuracies(read_json(path))
+    if optimizer not in accuracies:
+        raise ValueError(f"rates=tuned: expected one of {', '.join(accuracies)}, got {optimizer}")
+    rates = accuracies[optimizer]
+    return max(rates, key=lambda rate: (rates[rate], rate))
