@@ -26,7 +26,7 @@ $(VENV)/.dev-stamp: requirements/dev.txt pyproject.toml | $(BIN)/python
 	@$(PIP) install --no-deps --no-build-isolation -e .
 	@touch $@ $(VENV)/.run-stamp
 
-.PHONY: help setup setup-dev run test lint format typecheck check results tables figures report notebooks lock clean
+.PHONY: help setup setup-dev run test lint format check results reproduce verify tables paper-tables figures report notebooks lock clean
 help: ## List every target
 	@grep -hE '^[a-zA-Z0-9_-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  %-22s %s\n", $$1, $$2}'
 	@printf "  %-22s Sweep and collect one table or figure (SIZE=smoke, quick or paper)\n" $(EXPERIMENTS)
@@ -61,21 +61,30 @@ format: $(VENV)/.dev-stamp ## Format the sources and mend what the linter can me
 
 check: lint test ## Everything that must pass before a commit
 
-# One target per table and figure: the sweep, then its results file.
-EXPERIMENTS := table1_filtering table2_3_deviation diameter fig5_alexnet fig6_vgg16 fig7_resnet50 fig8_adgcnn fig13_optimizers
-SWEEPS := table1_filtering table2_3_deviation diameter
-$(SWEEPS): $(VENV)/.run-stamp
-	@$(BIN)/python -m experiments.$@ -m size=$(SIZE)
-	@$(BIN)/python -m experiments.collect $@ --size $(SIZE)
-$(filter-out $(SWEEPS),$(EXPERIMENTS)): $(VENV)/.run-stamp
-	@$(BIN)/python -m experiments.train -m experiment=$@ size=$(SIZE)
+# One target per table and figure: the sweep, then its results file. SEEDS="range(10)" for more seeds than the file says.
+OWN := table1_filtering table2_3_deviation diameter robustness
+TRAINED := fig5_alexnet fig6_vgg16 fig7_resnet50 fig8_adgcnn fig13_optimizers optimizer_search optimizer_study ablation
+EXPERIMENTS := $(OWN) $(TRAINED)
+$(OWN): MODULE = $@
+$(TRAINED): MODULE = train
+$(EXPERIMENTS): $(VENV)/.run-stamp
+	@$(BIN)/python -m experiments.$(MODULE) -m experiment=$@ size=$(SIZE) $(if $(SEEDS),"seed=$(SEEDS)")
 	@$(BIN)/python -m experiments.collect $@ --size $(SIZE)
 .PHONY: $(EXPERIMENTS)
 
-results: table1_filtering table2_3_deviation diameter fig13_optimizers figures ## Make the committed results anew (clean checkout; SIZE=paper for the long form)
+results: $(EXPERIMENTS) figures ## Make the committed results anew (clean checkout; SIZE=paper for the long form)
+
+reproduce: results ## Everything from nothing: results, figures, README, notebooks and report; SIZE=quick or paper
+	@$(MAKE) --no-print-directory notebooks report
+
+verify: $(VENV)/.run-stamp ## Repeat a sample of the committed results and compare
+	@$(BIN)/python -m experiments.verify
 
 tables: $(VENV)/.run-stamp ## Print the tables of results/
 	@$(BIN)/python -m experiments.tables --results results
+
+paper-tables: $(VENV)/.run-stamp ## Print Tables 1-3 in the paper's own layout, its values beside ours
+	@$(BIN)/python -m experiments.tables --results results --paper
 
 figures: $(VENV)/.run-stamp ## Draw results/figures and the README's numbers from results/
 	@$(BIN)/python -m experiments.figures --results results --out results/figures

@@ -13,7 +13,8 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from experiments import ROOT, collect, figures, report, tables
+from experiments import ROOT, collect, figures, report
+from experiments.display.sections import all_tables
 from experiments.revision import code_revision
 
 INTERRUPTED = 130
@@ -77,9 +78,9 @@ def run(*, size: str, out: Path) -> Path:
         print(f"\n[{i}/{len(STAGES)}] {stage.experiment}: {stage.about}", flush=True)
         run_stage(stage, size=size, out=out)
     folder = results_folder(size, out)
-    print("\n" + "\n\n".join(table.to_text() for table in tables.all_tables(folder)))
+    print("\n" + "\n\n".join(table.to_text() for table in all_tables(folder)))
     print("\nFigures:")
-    for path in figures.write_figures(figures.all_figures(folder), folder / "figures"):
+    for path in figures.write_figures(folder, folder / "figures"):
         print(f"  {path}")
     print(f"TensorBoard logs: tensorboard --logdir {out / 'fig13_optimizers' / size}")
     path = report.write(folder, out / f"{size}-report.html")

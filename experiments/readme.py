@@ -8,7 +8,9 @@ import re
 import sys
 from pathlib import Path
 
-from experiments import ROOT, tables
+from experiments import ROOT
+from experiments.display.sections import all_tables
+from experiments.display.verdicts import verdict_table
 
 MARK = re.compile(r"(<!-- results:begin -->\n).*?(<!-- results:end -->)", re.DOTALL)
 
@@ -21,9 +23,9 @@ def fill(text: str, results: Path) -> str:
     """
     if not MARK.search(text):
         raise ValueError("README: expected the markers <!-- results:begin --> and <!-- results:end -->")
-    blocks = [
-        f"**{table.title}**\n\n{table.to_markdown()}\n\n{table.caption}\n" for table in tables.all_tables(results)
-    ]
+    claims = verdict_table(results)
+    tables = all_tables(results) + ([] if claims is None else [claims])
+    blocks = [f"**{table.title}**\n\n{table.to_markdown()}\n\n{table.caption}\n" for table in tables]
     return MARK.sub(lambda match: match[1] + "\n" + "\n".join(blocks) + "\n" + match[2], text)
 
 

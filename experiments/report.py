@@ -10,7 +10,8 @@ import numpy as np
 
 from cablejax.io import atomic_write
 from cablejax.report import Page, figure_style, point_scene
-from experiments import figures, tables
+from experiments.display.sections import SECTIONS, Section
+from experiments.display.verdicts import verdict_table
 from experiments.results import Results
 
 INTRODUCTION = (
@@ -18,31 +19,6 @@ INTRODUCTION = (
     "stands beside ours. The paper's scan and training data are not published: the scans here are simulated, with known truth, "
     "so agreement in kind is all that can be asked."
 )
-
-SECTIONS = {
-    "table1_filtering": (
-        "Outlier removal",
-        (
-            "Four filters on one noisy scan: Table 1, and then what the paper could not show: whether the points taken away were "
-            "the outliers."
-        ),
-    ),
-    "table2_3_deviation": (
-        "Adaptive filter",
-        (
-            "Deviation from the true surface before and after equations (2)-(8), and after two variants on the same weights that "
-            "do not shrink a convex surface."
-        ),
-    ),
-    "diameter": (
-        "Diameter",
-        "The diameter of the scan in millimetres with its 95 % interval, and the scan itself.",
-    ),
-    "fig13_optimizers": (
-        "Optimizers",
-        "A small ADGCNN on simulated cables, trained under Adadelta and four other optimizers.",
-    ),
-}
 
 
 def scene(results: Results) -> str:
@@ -55,32 +31,45 @@ def scene(results: Results) -> str:
 
 
 def build(folder: Path) -> Page:
-    """Tables, figures and provenance of every results file in the folder.
+    """Tables, figures, verdicts and provenance of every results file in the folder.
 
     Raises:
         FileNotFoundError: If the folder holds no results file.
     """
-    found = {name: results for name in SECTIONS if (results := Results.read(folder, name)) is not None}
-    if not found:
-        raise FileNotFoundError(f"{folder}: no results file; run `make run` or collect an experiment first")
     page = Page("cablejax: results", subtitle="Cable point clouds from scan to diameter and size class")
     page.text(INTRODUCTION)
-    for name, results in found.items():
-        page.section(*SECTIONS[name])
-        for maker in tables.MAKERS[name]:
-            table = maker(results)
-            page.table(table.header, table.rows, caption=f"{table.title}. {table.caption}", groups=table.groups)
-        with figure_style():
-            for draw in figures.MAKERS[name]:
-                drawing = draw(results)
-                page.figure(drawing.figure, alt=drawing.alt, caption=drawing.caption)
-        if name == "diameter":
-            page.scene(
-                scene(results),
-                caption="The same scan to turn and zoom, thinned. Colour: signed distance to the true surface.",
-            )
-    _add_provenance(page, found)
+    everything: dict[str, Results] = {}
+    for section in SECTIONS:
+        found = section.read(folder)
+        if found:
+            everything |= found
+            _add_section(page, section, found)
+    if not everything:
+        raise FileNotFoundError(f"{folder}: no results file; run `make run` or collect an experiment first")
+    claims = verdict_table(folder)
+    if claims is not None:
+        page.section("Verdicts", "What the paper claims, and whether it holds here.")
+        page.table(claims.header, claims.rows, caption=claims.caption)
+    _add_provenance(page, everything)
     return page
+
+
+def _add_section(page: Page, section: Section, found: dict[str, Results]) -> None:
+    page.section(section.title, section.text)
+    for maker in section.tables:
+        table = maker(found)
+        if table is not None:
+            page.table(table.header, table.rows, caption=f"{table.title}. {table.caption}", groups=table.groups)
+    with figure_style():
+        for draw in section.figures:
+            drawing = draw(found)
+            if drawing is not None:
+                page.figure(drawing.figure, alt=drawing.alt, caption=drawing.caption)
+    if "diameter" in found:
+        page.scene(
+            scene(found["diameter"]),
+            caption="The same scan to turn and zoom, thinned. Colour: signed distance to the true surface.",
+        )
 
 
 def _add_provenance(page: Page, found: dict[str, Results]) -> None:

@@ -182,6 +182,7 @@ class TrainingConfig:
     label_smoothing: float = 0.0
     log_every: int = 1
     test: bool = True  # False while tuning: the test split is touched once, by what was chosen on validation
+    keep_diverged: bool = False  # True records a loss that is no number as accuracy 0 instead of stopping
 
     def __post_init__(self) -> None:
         _check(self.epochs >= 1, "training.epochs", "at least 1 epoch", self.epochs)
@@ -218,20 +219,46 @@ class Config:
         _check(self.timing_repeats >= 1, "timing_repeats", "at least 1", self.timing_repeats)
 
 
+FILTERS: dict[str, type[FilterConfig]] = {
+    node.name: node for node in (StatisticalFilterConfig, RadiusFilterConfig, MedianFilterConfig, AdaptiveFilterConfig)
+}
+GROUPS: dict[str, type] = {
+    "noise": NoiseConfig,
+    "scan": ScanConfig,
+    "dataset": DatasetConfig,
+    "model": ModelConfig,
+    "optimizer": OptimizerConfig,
+    "training": TrainingConfig,
+}
+
+
+def from_flat(flat: dict[str, Any]) -> Config:
+    """The configuration of a results file's run, from its dotted keys.
+
+    Raises:
+        ValueError: If a value is out of range.
+        TypeError: If a key is unknown, as in a file that other code wrote.
+    """
+    nested: dict[str, Any] = {}
+    for key, value in flat.items():
+        *path, last = key.split(".")
+        inner = nested
+        for part in path:
+            inner = inner.setdefault(part, {})
+        inner[last] = value
+    for group, node in {**GROUPS, "filter": FILTERS[nested["filter"]["name"]]}.items():
+        nested[group] = node(**nested.get(group, {}))
+    return Config(**nested)
+
+
 def register() -> None:
     """Make the schema, and the resolvers of learning rates, known to Hydra under the names that conf/ uses."""
     OmegaConf.register_new_resolver("trial_rate", tuning.trial_rate, replace=True)
     OmegaConf.register_new_resolver("tuned_rate", tuning.tuned_rate, replace=True)
     store = ConfigStore.instance()
     store.store(name="schema", node=Config)
-    for node in (StatisticalFilterConfig, RadiusFilterConfig, MedianFilterConfig, AdaptiveFilterConfig):
-        store.store(group="filter", name=f"schema_{node.name}", node=node)
-    groups = {
-        "noise": NoiseConfig,
-        "scan": ScanConfig,
-        "dataset": DatasetConfig,
-        "model": ModelConfig,
-        "optimizer": OptimizerConfig,
-    }
-    for group, node in groups.items():
-        store.store(group=group, name=f"schema_{group}", node=node)
+    for name, node in FILTERS.items():
+        store.store(group="filter", name=f"schema_{name}", node=node)
+    for group, node in GROUPS.items():
+        if group != "training":  # set by sizes and experiments, not a group of its own
+            store.store(group=group, name=f"schema_{group}", node=node)

@@ -23,6 +23,8 @@ class Estimate(NamedTuple):
             >>> Estimate(1.25, float("nan"), 1).format(2)
             '1.25'
         """
+        if np.isnan(self.mean):
+            return "-"
         text = f"{self.mean:,.{digits}f}"
         return text if np.isnan(self.half_width) else f"{text} ± {self.half_width:,.{digits}f}"
 
@@ -39,3 +41,34 @@ def estimate(values: Sequence[float]) -> Estimate:
     n = sample.size
     half = float("nan") if n == 1 else float(stats.t.ppf(0.975, n - 1) * sample.std(ddof=1) / np.sqrt(n))
     return Estimate(float(sample.mean()), half, n)
+
+
+def paired_difference(first: Sequence[float], second: Sequence[float]) -> tuple[Estimate, float]:
+    """The mean of `first - second`, seed by seed, with its interval, and the p-value of the paired t test.
+
+    Raises:
+        ValueError: If the two differ in length.
+    """
+    if len(first) != len(second):
+        raise ValueError(f"second: expected {len(first)} values, one for each of first, got {len(second)}")
+    differences = np.asarray(first, dtype=np.float64) - np.asarray(second, dtype=np.float64)
+    if len(differences) < 2 or not differences.std():
+        return estimate(differences.tolist()), float("nan")
+    return estimate(differences.tolist()), float(stats.ttest_1samp(differences, 0.0).pvalue)
+
+
+def fluctuation(loss: Sequence[float]) -> float:
+    """How much a loss curve jumps: its root mean square about the mean of three epochs, over the second half of the run.
+
+    Returns:
+        In the loss's unit; nan for fewer than four epochs.
+
+    Example:
+        >>> fluctuation([4.0, 3.0, 2.0, 1.0])
+        0.0
+    """
+    if len(loss) < 4:
+        return float("nan")
+    curve = np.asarray(loss, dtype=np.float64)
+    rough = curve[1:-1] - (curve[:-2] + curve[1:-1] + curve[2:]) / 3
+    return float(np.sqrt(np.mean(np.square(rough[len(rough) // 2 :]))))

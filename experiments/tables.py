@@ -1,230 +1,14 @@
-"""The tables of terminal, README and report: ours beside the paper's, made from results files alone.
+"""Print the tables of a results folder: ours beside the paper's.
 
-python -m experiments.tables --results results
+python -m experiments.tables --results results            every table
+python -m experiments.tables --results results --paper    Tables 1-3 in the paper's own layout
 """
 
 import argparse
-from collections.abc import Callable
-from dataclasses import dataclass, field
 from pathlib import Path
 
-from experiments import paper
-from experiments.results import NAMES, Results
-
-NOISES = ("gaussian", "random", "compound")
-FILTERS = ("statistical", "radius", "median", "adaptive")
-
-
-@dataclass
-class Table:
-    """Cells as text, ready to print in any form."""
-
-    title: str
-    header: list[str]
-    rows: list[list[str]]
-    caption: str
-    groups: list[tuple[str, int]] = field(default_factory=list)
-
-    def to_text(self) -> str:
-        """Aligned columns for a terminal."""
-        rows = [self.header, *self.rows]
-        widths = [max(len(row[i]) for row in rows) for i in range(len(self.header))]
-        lines = [
-            "  ".join(
-                cell.ljust(w) if i == 0 else cell.rjust(w) for i, (cell, w) in enumerate(zip(row, widths, strict=True))
-            )
-            for row in rows
-        ]
-        return "\n".join([self.title, lines[0], "-" * len(lines[0]), *lines[1:], self.caption])
-
-    def to_markdown(self) -> str:
-        """A table for README and docs."""
-        rule = ["---", *["---:"] * (len(self.header) - 1)]
-        return "\n".join("| " + " | ".join(row) + " |" for row in [self.header, rule, *self.rows])
-
-
-def _provenance(results: Results) -> str:
-    seeds = len(results.seeds)
-    return f"size {results.size}, {seeds} seed{'s' if seeds > 1 else ''}{', mean ± 95 % interval' if seeds > 1 else ''}"
-
-
-def table1(results: Results) -> Table:
-    """Table 1 in the paper's columns: remaining points and seconds, ours and the paper's."""
-    rows = []
-    for name in FILTERS:
-        row = [NAMES[name]]
-        for noise in NOISES:
-            cell = {"filter__name": name, "noise__kind": noise}
-            theirs = paper.TABLE_1[name][noise]
-            row += [
-                f"{results.mean('remaining', **cell).mean:,.0f}",
-                f"{theirs[0]:,}",
-                f"{results.mean('seconds', **cell).mean:.3f}",
-                f"{theirs[1]:.3f}",
-            ]
-        rows.append(row)
-    header = ["Filter", *["points", "paper", "s", "paper"] * len(NOISES)]
-    return Table(
-        "Table 1: points remaining and seconds",
-        header,
-        rows,
-        f"Of {results.config('scan.n_points'):,} points, {_provenance(results)}. The paper's scan is another one and its "
-        "noise level is not given, so the counts are not comparable; warm run time, compilation apart.",
-        [("", 1), *[(f"{NAMES[noise]} noise", 4) for noise in NOISES]],
-    )
-
-
-def table1_truth(results: Results) -> Table:
-    """What the paper could not show: whether the points removed were the wrong ones."""
-    rows = []
-    for name in FILTERS:
-        for noise in NOISES:
-            cell = {"filter__name": name, "noise__kind": noise}
-            rows.append(
-                [
-                    f"{NAMES[name]}, {NAMES[noise].lower()}",
-                    *[results.mean(metric, **cell).format(3) for metric in ("precision", "recall", "f1")],
-                    *[results.mean(metric, **cell).format(3) for metric in ("rms_mm", "diameter_bias_mm")],
-                    results.mean("compile_seconds", **cell).format(1),
-                ]
-            )
-    return Table(
-        "Table 1 against the truth",
-        ["Filter, noise", "precision", "recall", "F1", "RMS (mm)", "diameter bias (mm)", "compile (s)"],
-        rows,
-        "Removal of the simulated outliers, then the remaining points' distance to the true surface; the diameter bias is "
-        f"twice their median signed distance. {_provenance(results)}.",
-    )
-
-
-def table2_3(results: Results) -> Table:
-    """Tables 2 and 3: deviation before and after, by signal-to-noise ratio and order of the filter."""
-    rows = []
-    for snr in results.values("noise.snr_db"):
-        theirs = {"before": paper.TABLE_2.get(int(snr)), "after": paper.TABLE_3.get(int(snr))}
-        first = {"noise__snr_db": snr, "filter__order": results.values("filter.order")[0]}
-        rows.append([f"{snr:g} dB, before", *_deviation(results, "before", first), "", *_paper_cells(theirs["before"])])
-        for order in results.values("filter.order"):
-            cell = {"noise__snr_db": snr, "filter__order": order}
-            rows.append(
-                [
-                    f"{snr:g} dB, after, order {order}",
-                    *_deviation(results, "after", cell),
-                    results.mean("diameter_bias_mm", **cell).format(4),
-                    *(_paper_cells(theirs["after"]) if order == 0 else ["", "", ""]),
-                ]
-            )
-    return Table(
-        "Tables 2 and 3: deviation from the true surface before and after filtering",
-        [
-            "Noise",
-            "mean (mm)",
-            "std (mm)",
-            "within (%)",
-            "diameter bias (mm)",
-            "paper mean",
-            "paper std",
-            "paper within",
-        ],
-        rows,
-        f"Within: share inside ±{results.config('tolerance_mm'):g} mm. Order 0 is the paper's filter, 1 fits a plane, 2 a "
-        f"quadric on the same weights. {_provenance(results)}. The paper's spread of 0.385 mm cannot be noise of 60-120 dB; "
-        "it is simulated as the scanner's floor.",
-    )
-
-
-def _deviation(results: Results, when: str, cell: dict[str, object]) -> list[str]:
-    return [
-        results.mean(f"{when}.{metric}", **cell).format(digits)
-        for metric, digits in (("mean_mm", 4), ("std_mm", 4), ("within_percent", 1))
-    ]
-
-
-def _paper_cells(row: tuple[float, float, float] | None) -> list[str]:
-    return ["", "", ""] if row is None else [f"{row[0]:.4f}", f"{row[1]:.4f}", f"{row[2]:.2f}"]
-
-
-def diameter(results: Results) -> Table:
-    """The measured diameter of simulated scans beside the truth."""
-    rows = []
-    for preset in results.values("scan.preset"):
-        for row in results.rows(scan__preset=preset):
-            for kind in ("raw", "filtered"):
-                m = row[kind]
-                low, high = m["interval_mm"]
-                rows.append(
-                    [
-                        f"{preset}, {kind}",
-                        f"{row['true_diameter_mm']:.3f}",
-                        f"{m['diameter_mm']:.3f}",
-                        f"{m['diameter_mm'] - row['true_diameter_mm']:+.4f}",
-                        f"{low:.3f} - {high:.3f}",
-                        "yes" if low <= row["true_diameter_mm"] <= high else "no",
-                        f"{row[f'{kind}_seconds']:.1f}",
-                    ]
-                )
-    return Table(
-        "Diameter of the simulated scan",
-        ["Scanner, points", "true (mm)", "measured (mm)", "error (mm)", "95 % interval (mm)", "holds truth", "s"],
-        rows,
-        f"`measure_cable` on {results.config('scan.n_points'):,} points, before and after the adaptive filter of order "
-        f"{results.config('filter.order')}; one row a seed. Size {results.size}.",
-    )
-
-
-def optimizers(results: Results) -> Table:
-    """Figure 13 in numbers: each optimizer's accuracy and loss."""
-    rows = []
-    names = sorted(
-        results.values("optimizer.name"), key=lambda n: -results.mean("test_overall", optimizer__name=n).mean
-    )
-    for name in names:
-        cell = {"optimizer__name": name}
-        history = results.rows(**cell)[0]["history"]
-        rows.append(
-            [
-                NAMES.get(name, name),
-                f"{results.config_of('optimizer.learning_rate', **cell):g}",
-                results.mean("test_overall", **cell).format(3),
-                results.mean("test_class_average", **cell).format(3),
-                f"{history[0]['train_loss']:.3f}",
-                f"{history[-1]['train_loss']:.3f}",
-                f"{results.mean('compile_seconds', **cell).mean:.1f}",
-                f"{results.mean('train_seconds', **cell).mean:.0f}",
-            ]
-        )
-    classes = len(results.config("dataset.sizes_mm2"))
-    return Table(
-        "Figure 13: ADGCNN on simulated cables under five optimizers",
-        [
-            "Optimizer",
-            "rate",
-            "accuracy (eq 20)",
-            "class average (eq 21)",
-            "first loss",
-            "last loss",
-            "compile (s)",
-            "train (s)",
-        ],
-        rows,
-        f"Test accuracy at the epoch best on validation; {classes} sizes, {results.config('dataset.n_points')} points a cloud, "
-        f"{results.config('training.epochs')} epochs, {_provenance(results)}. The paper: {paper.ACCURACY_BEFORE} before and "
-        f"{paper.ACCURACY_AFTER} after choosing Adadelta, on data that is not published.",
-    )
-
-
-MAKERS: dict[str, tuple[Callable[[Results], Table], ...]] = {
-    "table1_filtering": (table1, table1_truth),
-    "table2_3_deviation": (table2_3,),
-    "diameter": (diameter,),
-    "fig13_optimizers": (optimizers,),
-}
-
-
-def all_tables(folder: Path) -> list[Table]:
-    """Every table whose results file is in the folder."""
-    found = ((makers, Results.read(folder, name)) for name, makers in MAKERS.items())
-    return [maker(results) for makers, results in found if results is not None for maker in makers]
+from experiments.display.paper_tables import paper_tables
+from experiments.display.sections import all_tables
 
 
 def main() -> None:
@@ -233,7 +17,10 @@ def main() -> None:
         prog="python -m experiments.tables", description="Print tables from results files."
     )
     parser.add_argument("--results", type=Path, default=Path("results"))
-    print("\n\n".join(table.to_text() for table in all_tables(parser.parse_args().results)))
+    parser.add_argument("--paper", action="store_true", help="Tables 1-3 alone, in the paper's own layout")
+    options = parser.parse_args()
+    tables = paper_tables(options.results) if options.paper else all_tables(options.results)
+    print("\n\n".join(table.to_text() for table in tables))
 
 
 if __name__ == "__main__":

@@ -98,18 +98,24 @@ def held_out(cfg: Config, name: str) -> Split:
     return _split(clouds_of(cfg.dataset, per_class), name, cfg.dataset.filtered)
 
 
+def fitted(cfg: Config, folder: Path, log: RunLogger | None = None) -> TrainResult:
+    """Train the configured network, or go on from what a killed run left in the folder."""
+    classes = len(cfg.dataset.sizes_mm2)
+    model = build_model(cfg.model.name, classes, rngs=nnx.Rngs(cfg.seed), **cfg.model.options)
+    validation = held_out(cfg, "validation")
+    return fit(model, training_clouds(cfg.dataset), validation, training_config(cfg), folder=folder, logger=log)
+
+
 def run(cfg: Config, folder: Path) -> dict[str, Any]:
     """Train, choose the epoch on validation, and touch the test split once, or not at all while tuning."""
     labels = [f"{size:g}" for size in cfg.dataset.sizes_mm2]
-    model = build_model(cfg.model.name, len(labels), rngs=nnx.Rngs(cfg.seed), **cfg.model.options)
     with RunLogger(folder / "tensorboard") as log:
         try:
-            result = fit(model, training_clouds(cfg.dataset), held_out(cfg, "validation"), training_config(cfg),
-                         folder=folder, logger=log)  # fmt: skip
+            result = fitted(cfg, folder, log)
         except TrainingDiverged as error:
-            if cfg.training.test:
+            if not cfg.training.keep_diverged:
                 raise
-            return diverged(cfg, error)  # while tuning, a rate that is too large is an outcome
+            return diverged(cfg, error)
         metrics = outcome(cfg, result)
         if cfg.training.test:
             split = held_out(cfg, "test")
@@ -138,8 +144,9 @@ def outcome(cfg: Config, result: TrainResult) -> dict[str, Any]:
 
 
 def diverged(cfg: Config, error: TrainingDiverged) -> dict[str, Any]:
-    """A tuning trial whose loss was no number: the accuracy of guessing none."""
-    return {"learning_rate": cfg.optimizer.learning_rate, "history": [], "validation_overall": 0.0, "error": str(error)}
+    """A run whose loss was no number, in a study of learning rates an outcome like another: nothing is classified."""
+    nothing = {"validation_overall": 0.0, "test_overall": 0.0, "test_class_average": 0.0}
+    return nothing | {"learning_rate": cfg.optimizer.learning_rate, "history": [], "error": str(error)}
 
 
 def _log_outcome(log: RunLogger, cfg: Config, test: Metrics, split: Split, labels: list[str]) -> None:

@@ -1,0 +1,106 @@
+"""Figures of networks: accuracy and loss against training progress, and which sizes are taken for which."""
+
+import numpy as np
+
+from cablejax.report import line_styles
+from experiments import paper
+from experiments.display.drawing import Drawing, new_figure
+from experiments.display.optimizer_figures import mark_paper
+from experiments.results import NAMES, Results
+
+
+def accuracy_curves(found: dict[str, Results]) -> Drawing:
+    """Figures 5-8: overall and class-average accuracy on validation against the epoch."""
+    figure = _curves(found, ("validation_overall", "validation_class_average"))
+    for ax, label in zip(figure.axes, ("accuracy, eq 20", "class average, eq 21"), strict=True):
+        ax.set_ylabel(f"validation {label}")
+        ax.set_ylim(0, 1.05)
+        mark_paper(ax, paper.ACCURACY_AFTER, f"paper, ADGCNN {paper.ACCURACY_AFTER}")
+    return Drawing(
+        "fig5_8_accuracy",
+        figure,
+        "Validation accuracies of the networks against the epoch.",
+        "Figures 5-8: accuracy against training progress; bands run from the lowest to the highest seed.",
+    )
+
+
+def loss_curves(found: dict[str, Results]) -> Drawing:
+    """Figures 9-12: training and validation loss against the epoch."""
+    figure = _curves(found, ("train_loss", "validation_loss"))
+    for ax, label in zip(figure.axes, ("training", "validation"), strict=True):
+        ax.set_ylabel(f"{label} loss (nats)")
+        ax.set_yscale("log")
+    return Drawing(
+        "fig9_12_loss",
+        figure,
+        "Training and validation loss of the networks against the epoch, on a logarithmic axis.",
+        "Figures 9-12: loss of the same runs; bands run from the lowest to the highest seed.",
+    )
+
+
+def _curves(found: dict[str, Results], metrics: tuple[str, str]):
+    """Two panels, one metric each, a curve for each network."""
+    figure = new_figure(6.6, 3.6)
+    axes = figure.subplots(1, 2)
+    for style, results in zip(line_styles(), found.values(), strict=False):
+        for ax, metric in zip(axes, metrics, strict=True):
+            curves = np.array([[epoch[metric] for epoch in row["history"]] for row in results.rows()])
+            epochs = np.arange(1, curves.shape[1] + 1)
+            ax.plot(epochs, curves.mean(axis=0), label=NAMES[results.config("model.name")], **style)
+            if len(curves) > 1:
+                ax.fill_between(epochs, curves.min(axis=0), curves.max(axis=0), color=style["color"], alpha=0.15, lw=0)
+            ax.set_xlabel("epoch")
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    return figure
+
+
+def confusions(found: dict[str, Results]) -> Drawing:
+    """Confusion matrices on the test split, summed over seeds, as shares of the true size."""
+    figure = new_figure(6.6, 0.9 + 2.6 * ((len(found) + 1) // 2))
+    axes = figure.subplots((len(found) + 1) // 2, 2, squeeze=False).ravel()
+    for ax in axes[len(found) :]:
+        ax.set_axis_off()
+    image = None
+    for ax, results in zip(axes, found.values(), strict=False):
+        rows = results.rows()
+        counts = np.sum([row["test_confusion"] for row in rows], axis=0)
+        image = ax.imshow(counts / counts.sum(axis=1, keepdims=True), cmap="Greys", vmin=0, vmax=1)
+        labels = rows[0]["labels_mm2"]
+        ax.set_xticks(range(len(labels)), labels, rotation=90 if len(labels) > 8 else 0)
+        ax.set_yticks(range(len(labels)), labels)
+        ax.set_title(NAMES[results.config("model.name")], loc="left", fontsize=10)
+        ax.set_xlabel("predicted (mm²)")
+        ax.set_ylabel("true (mm²)")
+        ax.grid(visible=False)
+    figure.colorbar(image, ax=list(axes), label="share of the true size")
+    return Drawing(
+        "confusions",
+        figure,
+        "Confusion matrices of the networks on the test split.",
+        "Which nominal cross-section is taken for which, on the test split, all seeds together. Neighbouring sizes differ by "
+        "1.2 to 3.3 mm in diameter.",
+    )
+
+
+def robustness(results: Results) -> Drawing:
+    """Accuracy against noise, density and the size of a hole."""
+    figure = new_figure(6.6, 2.9)
+    axes = figure.subplots(1, 3, sharey=True)
+    names = {"noise_mm": "noise added (mm)", "kept": "share of points kept", "hole_mm": "radius of a hole (mm)"}
+    for ax, (kind, label) in zip(axes, names.items(), strict=True):
+        rows = [[c for c in row["conditions"] if c["kind"] == kind] for row in results.rows()]
+        accuracy = np.array([[c["network"] for c in row] for row in rows])
+        levels = [c["level"] for c in rows[0]]
+        ax.plot(levels, accuracy.mean(axis=0), marker="o", ms=4)
+        if len(accuracy) > 1:
+            ax.fill_between(levels, accuracy.min(axis=0), accuracy.max(axis=0), alpha=0.15, lw=0)
+        ax.set_xlabel(label)
+    axes[1].invert_xaxis()
+    axes[0].set_ylabel("test accuracy, eq 20")
+    axes[0].set_ylim(0, 1.05)
+    return Drawing(
+        "robustness",
+        figure,
+        "Test accuracy against added noise, share of points kept, and radius of a hole.",
+        "ADGCNN trained on standard clouds, tested on worse ones; bands run from the lowest to the highest seed.",
+    )

@@ -1,0 +1,130 @@
+"""The order in which results are told, in terminal, README and report alike: one section for each question."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+from experiments.display import (
+    filtering_figures,
+    filtering_tables,
+    network_figures,
+    network_tables,
+    optimizer_figures,
+    optimizer_tables,
+)
+from experiments.display.drawing import Drawing
+from experiments.display.table import Table
+from experiments.results import Results
+
+Found = dict[str, Results]
+
+
+@dataclass(frozen=True)
+class Section:
+    """What is shown of one or several results files.
+
+    Attributes:
+        title: Heading.
+        text: What the section is about, one paragraph.
+        names: The results files, by experiment; a section is shown where at least one is there.
+        tables: Makers of its tables; each takes what was found of `names`, and gives None where it needs more.
+        figures: Makers of its figures, likewise.
+    """
+
+    title: str
+    text: str
+    names: tuple[str, ...]
+    tables: tuple[Callable[[Found], Table | None], ...] = ()
+    figures: tuple[Callable[[Found], Drawing | None], ...] = ()
+
+    def read(self, folder: Path) -> Found:
+        """The section's results in a folder, in the order of `names`."""
+        found = {name: Results.read(folder, name) for name in self.names}
+        return {name: results for name, results in found.items() if results is not None}
+
+
+Made = TypeVar("Made", Table, Drawing)
+
+
+def of(name: str, maker: Callable[[Results], Made]) -> Callable[[Found], Made | None]:
+    """A maker that takes a single results file, as one of `Section`."""
+    return lambda found: maker(found[name]) if name in found else None
+
+
+SECTIONS = (
+    Section(
+        "Outlier removal",
+        "Four filters on one noisy scan: Table 1, and then what the paper could not show: whether the points taken away were "
+        "the outliers.",
+        ("table1_filtering",),
+        (
+            of("table1_filtering", filtering_tables.table1),
+            of("table1_filtering", filtering_tables.table1_truth),
+        ),
+        (of("table1_filtering", filtering_figures.removal),),
+    ),
+    Section(
+        "Adaptive filter",
+        "Deviation from the true surface before and after equations (2)-(8), and after two variants on the same weights that "
+        "do not shrink a convex surface.",
+        ("table2_3_deviation",),
+        (of("table2_3_deviation", filtering_tables.table2_3),),
+        (of("table2_3_deviation", filtering_figures.deviation),),
+    ),
+    Section(
+        "Diameter",
+        "The diameter of the scan in millimetres with its 95 % interval, and the scan itself.",
+        ("diameter",),
+        (of("diameter", filtering_tables.diameter),),
+        (of("diameter", filtering_figures.scan_views), of("diameter", filtering_figures.section)),
+    ),
+    Section(
+        "Networks",
+        "AlexNet, VGG-16 and ResNet50 on a depth image and ADGCNN on the points of the same simulated cables, same split, same "
+        "budget, all under Adadelta.",
+        network_tables.NETWORKS,
+        (network_tables.networks,),
+        (network_figures.accuracy_curves, network_figures.loss_curves, network_figures.confusions),
+    ),
+    Section(
+        "Optimizers",
+        "A small ADGCNN on simulated cables, trained under Adadelta and four other optimizers at stated learning rates.",
+        ("fig13_optimizers",),
+        (of("fig13_optimizers", optimizer_tables.optimizers),),
+        (of("fig13_optimizers", optimizer_figures.optimizer_curves),),
+    ),
+    Section(
+        "Optimizers, tuned alike",
+        "Seven optimizers, each given the same number of quasi-random trials of its learning rate, chosen on validation, and "
+        "Keras' defaults beside them: much of what is said of optimizers is said of learning rates.",
+        ("optimizer_search", "optimizer_study"),
+        (of("optimizer_search", optimizer_tables.search), of("optimizer_study", optimizer_tables.study)),
+        (of("optimizer_search", optimizer_figures.sensitivity), of("optimizer_study", optimizer_figures.study_bars)),
+    ),
+    Section(
+        "Ablation",
+        "ADGCNN with one part left out, or one setting changed, at a time.",
+        ("ablation",),
+        (of("ablation", network_tables.ablation),),
+    ),
+    Section(
+        "Robustness",
+        "The network trained on standard clouds, tested on clouds with more noise, fewer points, holes, and other scanners.",
+        ("robustness",),
+        (of("robustness", network_tables.robustness),),
+        (of("robustness", network_figures.robustness),),
+    ),
+)
+
+
+def all_tables(folder: Path) -> list[Table]:
+    """Every table that a results folder allows, in order."""
+    made = [maker(found) for section in SECTIONS if (found := section.read(folder)) for maker in section.tables]
+    return [table for table in made if table is not None]
+
+
+def all_figures(folder: Path) -> list[Drawing]:
+    """Every figure that a results folder allows, in order."""
+    made = [maker(found) for section in SECTIONS if (found := section.read(folder)) for maker in section.figures]
+    return [drawing for drawing in made if drawing is not None]

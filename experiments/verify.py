@@ -1,0 +1,107 @@
+"""Run a sample of the committed results again and compare: does this code on this machine still give those numbers?
+
+    python -m experiments.verify [NAME ...]
+
+Timings are not compared. Matrix products and sums differ in their last bits between processors, numbers of threads and
+versions of jax, so every experiment states a tolerance; training amplifies such bits, so its accuracies get a wide one.
+"""
+
+import argparse
+import sys
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from experiments import ROOT, diameter, schema, table1_filtering, table2_3_deviation, train
+from experiments.collect import flatten
+from experiments.results import Results
+from experiments.runs import Task
+
+UNTOLD = ("seconds", "history", "view", "test_confusion", "epoch", "loss", "counts")
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One run of a results file to be repeated.
+
+    Attributes:
+        task: What runs it.
+        cell: Which of the file's runs, by the values of its swept keys; its lowest seed is taken.
+        relative: Largest difference allowed, as a share of the number.
+        absolute: Or this, in the number's unit, whichever is larger.
+    """
+
+    task: Task
+    cell: dict[str, Any]
+    relative: float
+    absolute: float
+
+
+SAMPLES: dict[str, Sample] = {
+    "table1_filtering": Sample(
+        table1_filtering.run, {"filter.name": "statistical", "noise.kind": "compound"}, 1e-3, 1e-3
+    ),
+    "table2_3_deviation": Sample(table2_3_deviation.run, {"filter.order": 2, "noise.snr_db": 60.0}, 1e-2, 1e-3),
+    "diameter": Sample(diameter.run, {"scan.preset": "line-laser"}, 1e-3, 5e-3),
+    "fig13_optimizers": Sample(train.run, {"optimizer.name": "adadelta"}, 0.0, 0.1),
+}
+
+
+def differences(committed: dict[str, Any], again: dict[str, Any], sample: Sample) -> list[str]:
+    """Numbers that differ by more than the sample allows, one line each; timings and histories are passed over."""
+    old, new = flatten(committed), flatten(again)
+    told = []
+    for key, value in old.items():
+        if any(word in key for word in UNTOLD) or isinstance(value, bool) or not isinstance(value, int | float):
+            continue
+        allowed = max(sample.absolute, sample.relative * abs(value))
+        if not abs(new.get(key, float("nan")) - value) <= allowed:
+            told.append(f"{key}: committed {value:.6g}, now {new.get(key)}, allowed {allowed:.2g}")
+    return told
+
+
+def verify(results: Results, sample: Sample) -> list[str]:
+    """Repeat one run of a results file and name what differs.
+
+    Raises:
+        ValueError: If the file holds no run of the sample's cell.
+    """
+    fixed = results.raw["config"]
+    rows = [
+        row
+        for row in results.raw["runs"]
+        if all(row["cell"].get(key, fixed.get(key)) == value for key, value in sample.cell.items())
+    ]
+    if not rows:
+        raise ValueError(f"{results.raw['experiment']}: expected a run with {sample.cell}, found none")
+    row = min(rows, key=lambda r: r["seed"])
+    with tempfile.TemporaryDirectory() as folder:
+        config = schema.from_flat({**fixed, **row["cell"], "seed": row["seed"], "out": folder})
+        return differences(row["metrics"], sample.task(config, Path(folder)), sample)
+
+
+def main(say: Callable[[str], None] = print) -> None:
+    """Verify some or all of the samples; exit code 1 where a number differs."""
+    parser = argparse.ArgumentParser(prog="python -m experiments.verify", description="Repeat a sample of the results.")
+    parser.add_argument("name", nargs="*", help=f"of {', '.join(SAMPLES)}; all by default")
+    parser.add_argument("--results", type=Path, default=ROOT / "results")
+    options = parser.parse_args()
+    unknown = set(options.name) - set(SAMPLES)
+    if unknown:
+        parser.error(f"name: expected one of {', '.join(SAMPLES)}, got {', '.join(sorted(unknown))}")
+    bad = False
+    for name in options.name or SAMPLES:
+        results = Results.read(options.results, name)
+        if results is None:
+            say(f"{name}: no results file")
+            continue
+        told = verify(results, SAMPLES[name])
+        bad |= bool(told)
+        say(f"{name}: " + ("\n  ".join(["differs", *told]) if told else "the same within its tolerance"))
+    sys.exit(bad)
+
+
+if __name__ == "__main__":
+    main()
