@@ -1,5 +1,6 @@
 """Tables of optimizers: Figure 13 in numbers, and the study with equal tuning budgets."""
 
+import math
 from typing import Any
 
 from experiments import paper
@@ -130,7 +131,7 @@ def study(results: Results) -> Table:
 
 def _against(reference: list[float], other: list[float]) -> str:
     difference, p = paired_difference(reference, other)
-    return f"{difference.format(3)} (p {p:.2g})" if difference.n > 1 else difference.format(3)
+    return difference.format(3) if math.isnan(p) else f"{difference.format(3)} (p {p:.2g})"
 
 
 def _reached(rows: list[dict[str, Any]]) -> str:
