@@ -26,7 +26,7 @@ EXPECTED = (
     StatusError,
     TrainingDiverged,
 )  # a person's doing, worded in one line
-UNTOLD = ("experiment=", "launcher=", "size=", "out=")  # the same in all jobs of a sweep
+UNTOLD = ("experiment=", "launcher=", "sweeper=", "size=", "out=")  # the same in all jobs of a sweep
 USAGE_ERROR = 2
 INTERRUPTED = 130
 
