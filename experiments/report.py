@@ -6,10 +6,9 @@ python -m experiments.report --results results --out report.html
 import argparse
 from pathlib import Path
 
-import numpy as np
-
 from cablejax.io import atomic_write
 from cablejax.report import Page, figure_style, point_scene
+from experiments.display.filtering_figures import scan_clouds
 from experiments.display.sections import SECTIONS, Section
 from experiments.display.verdicts import verdict_table
 from experiments.results import Results
@@ -19,15 +18,6 @@ INTRODUCTION = (
     "stands beside ours. The paper's scan and training data are not published: the scans here are simulated, with known truth, "
     "so agreement in kind is all that can be asked."
 )
-
-
-def scene(results: Results) -> str:
-    """The rotatable scan before and after filtering."""
-    view = results.rows(scan__preset=results.values("scan.preset")[-1])[0]["view"]
-    clouds = {
-        kind: (np.asarray(view[kind]["xyz_mm"]), np.asarray(view[kind]["deviation_mm"])) for kind in ("raw", "filtered")
-    }
-    return point_scene(clouds, label="deviation (mm)", limit=3 * view["scale_mm"])
 
 
 def build(folder: Path) -> Page:
@@ -66,8 +56,9 @@ def _add_section(page: Page, section: Section, found: dict[str, Results]) -> Non
             if drawing is not None:
                 page.figure(drawing.figure, alt=drawing.alt, caption=drawing.caption)
     if "diameter" in found:
+        clouds, look = scan_clouds(found["diameter"])
         page.scene(
-            scene(found["diameter"]),
+            point_scene(clouds, **look),
             caption="The same scan to turn and zoom, thinned. Colour: signed distance to the true surface.",
         )
 

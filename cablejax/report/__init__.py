@@ -2,7 +2,7 @@
 
 from cablejax.report.measurement import measurement_page
 from cablejax.report.page import Page
-from cablejax.report.scene import point_scene, point_views, thin
+from cablejax.report.scene import point_scene, point_views, scene_figure, thin
 from cablejax.report.style import COLORS, LINES, data_uri, figure_style, line_styles, png_bytes
 
 __all__ = [
@@ -16,5 +16,6 @@ __all__ = [
     "png_bytes",
     "point_scene",
     "point_views",
+    "scene_figure",
     "thin",
 ]

@@ -8,6 +8,7 @@ from jaxtyping import Float
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from plotly.graph_objects import Figure as Figure3D
 
 MOST_POINTS = 12_000
 SCALE = "RdBu"
@@ -25,7 +26,19 @@ def point_scene(
     limit: float,
     unit: str = "mm",
 ) -> str:
-    """An HTML fragment with the clouds in one rotatable scene, switched by buttons; `Page` brings the script it needs.
+    """`scene_figure` as an HTML fragment; `Page` brings the script it needs."""
+    figure = scene_figure(clouds, label=label, limit=limit, unit=unit)
+    return figure.to_html(full_html=False, include_plotlyjs=False, config={"responsive": True, "displaylogo": False})
+
+
+def scene_figure(
+    clouds: Mapping[str, tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, " n"]]],
+    *,
+    label: str,
+    limit: float,
+    unit: str = "mm",
+) -> "Figure3D":
+    """The clouds in one rotatable plotly figure, switched by buttons.
 
     Args:
         clouds: Name of each view -> points `[n, 3]` and the value `[n]` that colours them.
@@ -79,7 +92,7 @@ def point_scene(
         updatemenus=menu if len(names) > 1 else [],
         margin={"l": 0, "r": 0, "t": 50, "b": 0},
     )
-    return figure.to_html(full_html=False, include_plotlyjs=False, config={"responsive": True, "displaylogo": False})
+    return figure
 
 
 def _points(xyz: np.ndarray, marker: dict[str, Any], *, name: str, visible: bool):

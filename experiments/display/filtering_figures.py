@@ -1,6 +1,6 @@
 """Figures of filtering and of the diameter."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -103,15 +103,21 @@ def section(results: Results) -> Drawing:
     )
 
 
-def scan_views(results: Results) -> Drawing:
-    """The scan from the side, coloured by deviation."""
+def scan_clouds(results: Results) -> tuple[dict[str, tuple[np.ndarray, np.ndarray]], dict[str, Any]]:
+    """The scan before and after filtering with its deviation, and how a view of it is labelled and coloured."""
     view = results.rows(scan__preset=results.values("scan.preset")[-1])[0]["view"]
     clouds = {
         kind: (np.asarray(view[kind]["xyz_mm"]), np.asarray(view[kind]["deviation_mm"])) for kind in ("raw", "filtered")
     }
+    return clouds, {"label": "deviation (mm)", "limit": 3 * view["scale_mm"]}
+
+
+def scan_views(results: Results) -> Drawing:
+    """The scan from the side, coloured by deviation."""
+    clouds, look = scan_clouds(results)
     return Drawing(
         "scan",
-        point_views(clouds, label="deviation (mm)", limit=3 * view["scale_mm"]),
+        point_views(clouds, **look),
         "The simulated scan from the side before and after filtering, coloured by deviation from the true surface.",
         "The scan before and after filtering; colour is the signed distance to the true surface.",
     )

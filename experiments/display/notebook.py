@@ -1,0 +1,76 @@
+"""What the notebooks show: sections of results/, read and drawn, nothing computed."""
+
+import json
+from pathlib import Path
+
+from cablejax.report import figure_style, png_bytes, scene_figure
+from experiments import ROOT
+from experiments.display.drawing import Drawing
+from experiments.display.filtering_figures import scan_clouds, scan_views
+from experiments.display.sections import SECTIONS, Section
+from experiments.display.table import Table
+from experiments.results import Results
+
+RESULTS = ROOT / "results"
+
+
+def section(title: str) -> Section:
+    """A section by its title.
+
+    Raises:
+        ValueError: If there is none of that title.
+    """
+    found = {each.title: each for each in SECTIONS}
+    if title not in found:
+        raise ValueError(f"title: expected one of {', '.join(found)}, got {title!r}")
+    return found[title]
+
+
+def show(title: str, *, results: Path = RESULTS) -> None:
+    """Display every table and figure of a section; say so where its results were not made."""
+    from IPython.display import Markdown, display
+
+    this = section(title)
+    found = this.read(results)
+    if not found:
+        display(Markdown(f"*No results yet: `make {this.names[0]}` makes them.*"))
+        return
+    for maker in this.tables:
+        table = maker(found)
+        if table is not None:
+            show_table(table)
+    with figure_style():
+        for draw in this.figures:
+            drawing = draw(found)
+            if drawing is not None:
+                show_drawing(drawing)
+
+
+def show_table(table: Table) -> None:
+    """Display a table with its caption."""
+    from IPython.display import Markdown, display
+
+    display(Markdown(f"**{table.title}**\n\n{table.to_markdown()}\n\n{table.caption}"))
+
+
+def show_drawing(drawing: Drawing) -> None:
+    """Display a figure as PNG with its caption and alternative text."""
+    from IPython.display import Markdown, display
+
+    display({"image/png": png_bytes(drawing.figure), "text/plain": drawing.alt}, raw=True)
+    display(Markdown(f"*{drawing.caption}*"))
+
+
+def show_scene(results: Path = RESULTS) -> None:
+    """Display the scan of `diameter` to turn by hand where the viewer can, and as a PNG where it can't."""
+    from IPython.display import display
+
+    found = Results.read(results, "diameter")
+    if found is None:
+        return
+    clouds, look = scan_clouds(found)
+    with figure_style():
+        drawing = scan_views(found)
+        png = png_bytes(drawing.figure)
+    scene = json.loads(scene_figure(clouds, **look).to_json() or "{}")
+    display({"application/vnd.plotly.v1+json": scene, "image/png": png, "text/plain": drawing.alt}, raw=True)
