@@ -54,7 +54,8 @@ def paired_difference(first: Sequence[float], second: Sequence[float]) -> tuple[
     differences = np.asarray(first, dtype=np.float64) - np.asarray(second, dtype=np.float64)
     if len(differences) < 2 or not differences.std():
         return estimate(differences.tolist()), float("nan")
-    return estimate(differences.tolist()), float(stats.ttest_1samp(differences, 0.0).pvalue)
+    _, p_value = stats.ttest_1samp(differences, 0.0)
+    return estimate(differences.tolist()), float(p_value)
 
 
 def fluctuation(loss: Sequence[float]) -> float:

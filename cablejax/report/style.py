@@ -37,7 +37,7 @@ def figure_style() -> Iterator[None]:
         yield
 
 
-def line_styles() -> Iterator[dict[str, object]]:
+def line_styles() -> Iterator[dict[str, Any]]:
     """Colour and dash of one curve after the other, without end."""
     for color, line in cycle(zip(COLORS, LINES, strict=True)):
         yield {"color": color, "linestyle": line}

@@ -60,11 +60,10 @@ def confusions(found: dict[str, Results]) -> Drawing:
     axes = figure.subplots((len(found) + 1) // 2, 2, squeeze=False).ravel()
     for ax in axes[len(found) :]:
         ax.set_axis_off()
-    image = None
     for ax, results in zip(axes, found.values(), strict=False):
         rows = results.rows()
         counts = np.sum([row["test_confusion"] for row in rows], axis=0)
-        image = ax.imshow(counts / counts.sum(axis=1, keepdims=True), cmap="Greys", vmin=0, vmax=1)
+        ax.imshow(counts / counts.sum(axis=1, keepdims=True), cmap="Greys", vmin=0, vmax=1)
         labels = rows[0]["labels_mm2"]
         ax.set_xticks(range(len(labels)), labels, rotation=90 if len(labels) > 8 else 0)
         ax.set_yticks(range(len(labels)), labels)
@@ -72,7 +71,7 @@ def confusions(found: dict[str, Results]) -> Drawing:
         ax.set_xlabel("predicted (mm²)")
         ax.set_ylabel("true (mm²)")
         ax.grid(visible=False)
-    figure.colorbar(image, ax=list(axes), label="share of the true size")
+    figure.colorbar(axes[0].images[0], ax=list(axes), label="share of the true size")
     return Drawing(
         "confusions",
         figure,
