@@ -55,7 +55,7 @@ def paired_difference(first: Sequence[float], second: Sequence[float]) -> tuple[
     if len(differences) < 2 or not differences.std():
         return estimate(differences.tolist()), float("nan")
     _, p_value = stats.ttest_1samp(differences, 0.0)
-    return estimate(differences.tolist()), float(p_value)
+    return estimate(differences.tolist()), float(np.asarray(p_value))
 
 
 def fluctuation(loss: Sequence[float]) -> float:
