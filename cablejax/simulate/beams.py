@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from cablejax.simulate.clutter import Cabling, Scene
 from cablejax.simulate.shapes import Tube
-from cablejax.simulate.surface import SurfacePoint, around, label, unit
+from cablejax.simulate.surface import SurfacePoint, around, unit
 
 TRACE_STEPS = 16  # sphere-tracing steps for a tube by itself, which the landing steps take from any distance
 TRACE_STEPS_BEHIND = 64  # for scenes where a beam may graze one thing and meet the next
@@ -91,16 +91,16 @@ def cast(scene: Scene, beam: Beam) -> Echo:
         return t + jnp.maximum(scene.bound(beam.origin_mm + t * beam.direction), 0.0)
 
     def land(_, state):
-        xyz, t, _, _ = state
-        surface = scene.locate(xyz)
-        shift, passes = _to_cylinder(surface, beam)
-        return xyz + shift * beam.direction, t + shift, surface, passes
+        xyz, t = state
+        shift, _ = _to_cylinder(scene.locate(xyz), beam)
+        return xyz + shift * beam.direction, t + shift
 
-    zero = jnp.zeros(())
-    t = jax.lax.fori_loop(0, steps, trace, zero)
-    blank = SurfacePoint(zero, jnp.zeros(3), zero, zero, zero, label(0))
-    start = (beam.origin_mm + t * beam.direction, t, blank, zero > 0)
-    xyz, t, surface, passes = jax.lax.fori_loop(0, LANDING_STEPS, land, start)
+    t = jax.lax.fori_loop(0, steps, trace, jnp.zeros(()))
+    # the last step stands outside: only there are arc length, angle and part asked for
+    xyz, t = jax.lax.fori_loop(0, LANDING_STEPS - 1, land, (beam.origin_mm + t * beam.direction, t))
+    surface = scene.locate(xyz)
+    shift, passes = _to_cylinder(surface, beam)
+    xyz, t = xyz + shift * beam.direction, t + shift
     cosine = -jnp.dot(surface.normal, beam.direction)
     facing = ~passes & (cosine > LEAST_COSINE) & (jnp.abs(surface.signed_distance_mm) < HIT_MM)
     hit = facing & _scanned(scene.cable, surface.arc_mm)

@@ -83,6 +83,8 @@ def draw_cloud(
     diameter = nominal_mm + limits["diameter_std_mm"] * gaussian(u[7])
     bends = [(2 * stratified(u[i], split) - 1) / TIGHTEST_MM for i in (0, 1)]
     tube = two_bends(0.5 * diameter, _between(limits["length_mm"], u[2]), bends[0], bends[1], 0.4)
+    # without the barrier XLA works the cable out anew in every vector lane, and takes minutes to compile that
+    tube = jax.lax.optimization_barrier(tube)
     middle = 2 * jnp.pi * stratified(u[3], split)
     arc = jnp.deg2rad(_between(limits["arc_deg"], u[4]))
     angles = middle + arc * ((jnp.arange(STATIONS) + 0.5) / STATIONS - 0.5)

@@ -34,8 +34,7 @@ class Tube(NamedTuple):
 
     def signed_distance(self, xyz: Float[Array, " 3"]) -> Float[Array, ""]:
         """Distance of a point to the surface in mm, negative inside: the distance to the centreline less the radius."""
-        foot = self.centreline.foot(xyz)
-        return jnp.sqrt(foot.normal_mm**2 + foot.height_mm**2) - self.radius_mm
+        return jnp.sqrt(self.centreline.sq_distance(xyz) + xyz[2] ** 2) - self.radius_mm
 
     def bound(self, xyz: Float[Array, " 3"]) -> Float[Array, ""]:
         """A step that no beam can take too far; the signed distance itself."""
