@@ -9,6 +9,7 @@ from jax.scipy.special import ndtr
 from jaxtyping import Array, Bool, Float, Int
 
 from cablejax.simulate.clutter import Cabling, Scene
+from cablejax.simulate.finish import light
 from cablejax.simulate.shapes import Tube
 from cablejax.simulate.surface import SurfacePoint, around, unit
 
@@ -164,10 +165,17 @@ def measure(scene: Scene, beam: Beam, numbers: dict[str, Array], luck: Float[Arr
     inside = (echo.hit | (echo.margin_mm < 0)) & split
     is_mixed = inside & (chance[0] < numbers["mixed_share"]) & _scanned(scene.cable, echo.arc_mm)
     behind = jnp.where(is_mixed, (1 - on_cable) * numbers["mixed_depth_mm"] * chance[1], 0.0)
-    kept = chance[2] < jax.nn.sigmoid((echo.cosine - numbers["dropout_cos"]) / numbers["dropout_width"])
+    back = light(scene.finish, echo.part, echo.cosine)
+    strong = jax.nn.sigmoid((back.signal - numbers["dropout_cos"]) / numbers["dropout_width"])
+    kept = chance[2] < strong * (1 - back.glare)
     valid = (echo.hit & kept) | is_mixed
     grow = (echo.range_mm / numbers["standoff_mm"]) ** numbers["range_power"]
-    std = numbers["range_mm"] * grow / jnp.maximum(echo.cosine, 0.1) ** numbers["incidence_power"]
+    std = (
+        numbers["range_mm"]
+        * grow
+        / jnp.maximum(echo.cosine, 0.1) ** numbers["incidence_power"]
+        / jnp.sqrt(back.diffuse)
+    )
     error = behind + numbers["range_bias_mm"] + std * draw[2]
     quantum = numbers["quantum_mm"]
     counted = jnp.round((echo.range_mm + error) / jnp.where(quantum > 0, quantum, 1.0)) * quantum - echo.range_mm

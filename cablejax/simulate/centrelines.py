@@ -129,6 +129,21 @@ class ArcChain(NamedTuple):
         tangent = jnp.stack([cos * u - sin * v, sin * u + cos * v])
         return Foot(start + local, best.offset, xyz[2], tangent)
 
+    def parallel(self, across_mm: Float[Array, ""]) -> "ArcChain":
+        """The chain at a constant offset along the normal: the same turns, bends tighter or wider by the offset."""
+        scale = 1 - self.curvature * across_mm
+        normal = jnp.stack([-self.axis[:, 1], self.axis[:, 0]], axis=1)
+        longer = (scale - 1) * self.length_mm
+        return ArcChain(
+            self.start_mm + across_mm * normal,
+            self.heading,
+            self.curvature / scale,
+            self.length_mm * scale,
+            self.arc_mm + jnp.cumsum(longer) - longer,
+            self.axis,
+            jnp.stack([self.end[:, 0] * scale, self.end[:, 1]], axis=1),
+        )
+
 
 def arc_chain(pieces: list[tuple[Array | float, Array | float]]) -> ArcChain:
     """Join pieces (length in mm, curvature in 1/mm) between two endless straights, centred on the origin.
