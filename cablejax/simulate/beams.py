@@ -17,6 +17,7 @@ TRACE_STEPS = 16  # sphere-tracing steps for a tube by itself, which the landing
 TRACE_STEPS_BEHIND = 64  # for scenes where a beam may graze one thing and meet the next
 LANDING_STEPS = 5
 LEAST_COSINE = 0.02  # beams within 1.1 degrees of the surface do not come back
+MOST_STANDOFFS = 4  # the working range: nothing comes back from farther away
 HIT_MM = 0.01  # a landed beam within this of the surface has met it
 
 
@@ -168,7 +169,7 @@ def measure(scene: Scene, beam: Beam, numbers: dict[str, Array], luck: Float[Arr
     back = light(scene.finish, echo.part, echo.cosine)
     strong = jax.nn.sigmoid((back.signal - numbers["dropout_cos"]) / numbers["dropout_width"])
     kept = chance[2] < strong * (1 - back.glare)
-    valid = (echo.hit & kept) | is_mixed
+    valid = ((echo.hit & kept) | is_mixed) & (echo.range_mm < MOST_STANDOFFS * numbers["standoff_mm"])
     grow = (echo.range_mm / numbers["standoff_mm"]) ** numbers["range_power"]
     std = (
         numbers["range_mm"]
