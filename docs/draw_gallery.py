@@ -11,6 +11,7 @@ from pathlib import Path
 
 import jax
 import matplotlib as mpl
+import matplotlib.colors as mpl_colors
 import numpy as np
 
 mpl.use("Agg")
@@ -75,7 +76,7 @@ def draw_scene(axes: Axes, name: str, seed: int) -> None:
     scene = make_scene(name, diameter_mm=CABLE.diameter_mm, length_mm=400.0)
     normals = np.asarray(jax.jit(jax.vmap(scene.locate))(scan.xyz_mm).normal)
     part = np.asarray(scan.part)
-    colors = np.array([mpl.colors.to_rgb(COLORS[int(label)]) for label in part])
+    colors = np.array([mpl_colors.to_rgb(COLORS[int(label)]) for label in part])
     title = name
     if set(name.split("+")) & set(SHEATHS):
         line = name.split("+")[0] if "+" in name else "straight"

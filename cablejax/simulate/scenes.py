@@ -77,14 +77,18 @@ def make_scene(
     line, dress, around = _parse(name)
     if line == "straight" and bend_radius_mm is not None:
         raise ValueError(f"bend_radius_mm: expected none for {name!r}, which is straight, got {bend_radius_mm!r}")
-    cable: Cabling = make_tube(line, diameter_mm=diameter_mm, length_mm=length_mm, bend_radius_mm=bend_radius_mm)
-    if dress in ACCESSORIES:
-        if line != "straight":
-            cable = straight_run(cable, *(share * length_mm for share in STRAIGHT_SHARES[dress]))
-        cable = ACCESSORIES[dress](cable)
-    elif dress is not None:
-        cable = SHEATHS[dress](cable)
+    tube = make_tube(line, diameter_mm=diameter_mm, length_mm=length_mm, bend_radius_mm=bend_radius_mm)
+    cable = tube if dress is None else _dress(tube, dress, bent=line != "straight")
     return bare(cable) if around is None else SURROUNDINGS[around](cable)
+
+
+def _dress(tube: Tube, name: str, *, bent: bool) -> Cabling:
+    """The cable with its sheath or accessory."""
+    if name in SHEATHS:
+        return SHEATHS[name](tube)
+    if bent:
+        tube = straight_run(tube, *(share * float(tube.length_mm) for share in STRAIGHT_SHARES[name]))
+    return ACCESSORIES[name](tube)
 
 
 def _parse(name: str) -> tuple[str, str | None, str | None]:

@@ -51,7 +51,12 @@ def test_noise_grows_as_the_root_of_the_missing_light():
 
 def test_only_sheaths_have_the_finish():
     dark = finish("dark")
-    assert [dark.reflectance[part] for part in (Part.CABLE, Part.OTHER_CABLE, Part.WALL, Part.TRAY)] == [0.25, 0.25, 1, 1]
+    assert [dark.reflectance[part] for part in (Part.CABLE, Part.OTHER_CABLE, Part.WALL, Part.TRAY)] == [
+        0.25,
+        0.25,
+        1,
+        1,
+    ]
 
 
 def test_a_dark_scan_keeps_its_row_count_and_sees_less_of_the_sides():
