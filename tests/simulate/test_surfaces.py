@@ -7,7 +7,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from cablejax.simulate import bare, locate, make_profiled, make_tube, with_joint, with_termination
+from cablejax.simulate import (
+    bare,
+    catalogue,
+    locate,
+    make_profiled,
+    make_tube,
+    simulate_scan,
+    with_joint,
+    with_termination,
+)
 from cablejax.simulate.beams import Beam, aim, cast
 from cablejax.simulate.shapes import straight_run
 from tests.reference.simulate import centreline, fit_circle, mesh
@@ -157,6 +166,18 @@ def test_noise_free_section_gives_the_diameter(diameter):
     assert bool(echo.hit.all())
     _, radius = fit_circle(np.asarray(echo.xyz_mm, np.float64)[:, 1:])
     assert 2 * radius == pytest.approx(diameter, abs=1e-4)
+
+
+def test_robust_circle_fit_of_an_ideal_scan_with_outliers():
+    cable = catalogue()[8]
+    scan = simulate_scan(cable, n_points=4000, preset="ideal", outlier_fraction=0.1, key=jax.random.key(2))
+    points = np.asarray(scan.xyz_mm, np.float64)[:, 1:]
+    for _ in range(12):  # trimmed at three times the median residual of the last round
+        centre, radius = fit_circle(points)
+        residual = np.abs(np.linalg.norm(points - centre, axis=1) - radius)
+        points = points[residual <= max(3 * np.median(residual), 1e-4)]
+    assert len(points) > 3500
+    assert 2 * radius == pytest.approx(cable.diameter_mm, abs=1e-4)
 
 
 @pytest.mark.parametrize(
