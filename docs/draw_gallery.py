@@ -94,7 +94,7 @@ def draw_scene(axes: Axes, name: str, seed: int) -> None:
 def shapes() -> Figure:
     """All scenes, and some combined ones."""
     names = (*SCENES, *COMBINED)
-    figure, axes = plt.subplots(6, 4, figsize=(10, 9.6), constrained_layout=True)
+    figure, axes = plt.subplots(6, 4, figsize=(10, 7.4), constrained_layout=True)
     for seed, (place, name) in enumerate(zip(axes.flat, names, strict=True)):
         draw_scene(place, name, seed)
     return figure

@@ -1,5 +1,6 @@
 """What stands around a cable: walls, trays, saddles, brackets, other cables; and the scene that holds them all."""
 
+import math
 from typing import NamedTuple
 
 import jax
@@ -188,7 +189,7 @@ def neighbour(cable: Tube, across_mm: Array, up_mm: Array, radius_mm: Array) -> 
 
 
 def neighbours(cable: Cabling, offsets_mm: list[tuple[float, float]]) -> Scene:
-    """Round cables of the same radius that run along the cable, also round its bends.
+    """Round cables of the same radius that run along the cable, also round its bends; seen as far as their axes.
 
     Args:
         cable: The cable that is scanned: straight or of circular bends.
@@ -207,7 +208,8 @@ def neighbours(cable: Cabling, offsets_mm: list[tuple[float, float]]) -> Scene:
             raise ValueError(f"offsets_mm: expected less than the bend radius, got {across!r} across")
     along = Tube(line, cable.radius_mm, cable.length_mm)
     solids = tuple(neighbour(along, jnp.float32(a), jnp.float32(up), cable.radius_mm) for a, up in offsets_mm)
-    return Scene(cable, solids, jnp.float32(0.5) * cable.radius_mm)
+    reach = max(math.hypot(*offset) for offset in offsets_mm) - float(cable.radius_mm)
+    return Scene(cable, solids, jnp.float32(max(reach, 0.0)))
 
 
 def trefoil(cable: Cabling) -> Scene:
