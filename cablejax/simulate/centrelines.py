@@ -3,6 +3,7 @@
 import functools
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
@@ -201,21 +202,18 @@ class Catenary(NamedTuple):
 
     def foot(self, xyz: Float[Array, " 3"]) -> Foot:
         """Nearest point: the best of 17 places along three times the length, refined by Newton's method to rounding."""
-        a = self.parameter_mm
-        arc, best = jnp.zeros(()), jnp.inf
-        for place in range(-8, 9):
-            tried = self._arc0() * (1 + 3 * place / 8)
-            point, _ = self.at(tried)
-            sq_dist = (xyz[0] - point[0]) ** 2 + (xyz[1] - point[1]) ** 2
-            arc, best = jnp.where(sq_dist < best, tried, arc), jnp.minimum(sq_dist, best)
-        for _ in range(6):
+        places = self._arc0() * (1 + 3 * jnp.arange(-8, 9) / 8)
+        points = jax.vmap(lambda arc: self.at(arc)[0])(places)
+        sq_dists = (xyz[0] - points[:, 0]) ** 2 + (xyz[1] - points[:, 1]) ** 2
+
+        def newton(_, arc):
             point, tangent = self.at(arc)
-            curvature = tangent[0] ** 2 / a
             dx, dy = xyz[0] - point[0], xyz[1] - point[1]
             along, across = dx * tangent[0] + dy * tangent[1], dy * tangent[0] - dx * tangent[1]
-            arc = arc + along / jnp.maximum(
-                1 - curvature * across, 0.25
-            )  # the guard keeps far points from overshooting
+            # the guard keeps far points from overshooting
+            return arc + along / jnp.maximum(1 - tangent[0] ** 2 / self.parameter_mm * across, 0.25)
+
+        arc = jax.lax.fori_loop(0, 6, newton, places[jnp.argmin(sq_dists)])
         point, tangent = self.at(arc)
         dx, dy = xyz[0] - point[0], xyz[1] - point[1]
         return Foot(arc, dy * tangent[0] - dx * tangent[1], xyz[2], tangent)
