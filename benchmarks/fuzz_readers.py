@@ -1,6 +1,6 @@
 """Read thousands of damaged files of every format: none may crash, hang, or come out as half a cloud.
 
-    python -m benchmarks.fuzz_readers --count 1000 --output fuzz_readers.json
+    python -m benchmarks.fuzz_readers [--count 1000] [--output results/benchmarks/fuzz.json]
 
 Prints one row a format: damaged files tried, read after all, refused with a `PointFileError`; then what must not be
 there: other exceptions, deaths of the process, and truncated files read as a smaller cloud. LAS, LAZ and E57 are read
@@ -93,7 +93,7 @@ class Worker:
 
     def ask(self, path: Path) -> dict[str, Any]:
         """How reading a file ends."""
-        if self.process is None:
+        if self.process is None or self.process.poll() is not None:
             self.process = subprocess.Popen(self.command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         assert self.process.stdin is not None
         assert self.process.stdout is not None
@@ -104,9 +104,10 @@ class Worker:
         line = self.process.stdout.readline()
         in_time = timer.is_alive()
         timer.cancel()
+        if not (line and in_time):
+            self.close()
         if line:
             return json.loads(line)
-        self.close()
         return {"outcome": "died" if in_time else "hung"}
 
     def close(self) -> None:
@@ -167,7 +168,7 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=1000, help="damaged files a format")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--formats", nargs="*", help="only these")
-    parser.add_argument("--output", type=Path, help="write the rows here as JSON")
+    parser.add_argument("--output", type=Path, default=Path("results/benchmarks/fuzz.json"))
     parser.add_argument("--worker", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.worker:
@@ -182,8 +183,8 @@ def main() -> None:
                 print(json.dumps(rows[-1]), flush=True)
     failures = sum(len(row["failures"]) for row in rows)
     print(f"{sum(row['tried'] for row in rows):,} damaged files, {failures} failures")
-    if options.output is not None:
-        write_json(options.output, {"rows": rows, "provenance": provenance(seeds=options.seed)})
+    options.output.parent.mkdir(parents=True, exist_ok=True)
+    write_json(options.output, {"rows": rows, "provenance": provenance(seeds=options.seed)})
     sys.exit(1 if failures else 0)
 
 

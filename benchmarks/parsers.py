@@ -1,6 +1,6 @@
 """Read every file under $CABLEJAX_DATA/parsers, good and broken, and say what came out.
 
-    CABLEJAX_DATA=... python -m benchmarks.parsers --output results/parsers.json
+    CABLEJAX_DATA=... python -m benchmarks.parsers [--output results/benchmarks/parsers.json]
 
 One row a file: its size, then points read, invalid returns dropped, colours and intensities, or the reason why it was
 refused. Beside it stands the number of points that laspy, or pye57's header, gives without this project: the two must
@@ -63,7 +63,7 @@ def agrees(result: dict[str, Any]) -> bool:
 def main() -> None:
     """Print the table and write it with its provenance."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--output", type=Path, help="write the rows here as JSON")
+    parser.add_argument("--output", type=Path, default=Path("results/benchmarks/parsers.json"))
     options = parser.parse_args()
     folder = Path(os.environ.get("CABLEJAX_DATA", "")) / "parsers"
     rows = []
@@ -81,8 +81,8 @@ def main() -> None:
     print(
         f"{len(rows)} files, {sum(r['points'] is not None for r in rows)} read, {len(apart)} differ from the peer: {apart}"
     )
-    if options.output is not None:
-        write_json(options.output, {"rows": rows, "disagreements": apart, "provenance": provenance(seeds=[])})
+    options.output.parent.mkdir(parents=True, exist_ok=True)
+    write_json(options.output, {"rows": rows, "disagreements": apart, "provenance": provenance(seeds=[])})
     sys.exit(1 if apart else 0)
 
 

@@ -1,104 +1,150 @@
-"""Beams and clouds a second: our traced cables against Open3D's raycaster on the same beams, in the same run.
+"""Beams and training clouds a second: our traced cables against Open3D's raycaster, in the same run.
 
-python -m benchmarks.simulate [--rounds 5]
+    python -m benchmarks.simulate [--rounds 5] [--output results/benchmarks/simulate.json]
 
-Casting alone is compared: the same 100,000 beams from a travelling head at a bent cable, once met by `cast`, once by
-Open3D's `RaycastingScene` on a mesh of it that is fine enough to be as exact (a chord error of 1e-4 mm). The mesh's
-building is timed apart, since a training set needs one mesh a cloud. Times are medians after a warm-up.
+Three tables. Casting: the same 100,000 beams from a travelling head at one bent cable, met by `cast` and by Open3D's
+`RaycastingScene` on a mesh of it, as exact as ours (chords within 1e-4 mm) and coarse (within 0.01 mm). Clouds: 64
+different cables with 2,048 beams each, as a training batch needs them; Open3D gets a mesh and a tree for every cable.
+Training clouds: everything included, beams, noise, outliers, clutter, pose. Contenders take turns.
 """
 
 import argparse
-import ctypes
-import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from benchmarks.timing import alternate, open3d_module
+from cablejax.io import provenance, write_json
 from cablejax.simulate import DatasetConfig, bare, make_tube, sample_clouds
-from cablejax.simulate.beams import aim, cast
+from cablejax.simulate.beams import Beam, aim, cast
+from cablejax.simulate.clouds import VERSIONS
 from tests.reference.simulate import centreline, mesh
 
 RADIUS_MM, LENGTH_MM, BEND_MM, BEAMS = 17.1, 200.0, 700.0, 100_000
+CLOUDS, CLOUD_BEAMS = 64, 2048
+MESHES = {"exact": (0.5, 900), "coarse": (5.0, 96)}  # step along in mm and turns: chords within 1e-4 and 0.01 mm
+aim_many = jax.vmap(aim, in_axes=(None, 0, 0, 0, 0, None, None))
 
 
-def seconds(work: Callable[[], object], rounds: int) -> float:
-    """Median time of a call after one to warm up."""
-    jax.block_until_ready(work())
-    times = []
-    for _ in range(rounds):
-        start = time.perf_counter()
-        jax.block_until_ready(work())
-        times.append(time.perf_counter() - start)
-    return statistics.median(times)
-
-
-def load_open3d():
-    """Open3D, with the libusb that its wheel needs and a bare machine lacks."""
-    import libusb_package
-
-    ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
-    import open3d
-
-    return open3d
-
-
-def casting(rounds: int) -> None:
-    """Beams a second, ours and Open3D's."""
-    open3d = load_open3d()
-    tube = make_tube("bend", diameter_mm=2 * RADIUS_MM, length_mm=LENGTH_MM, bend_radius_mm=BEND_MM)
-    rng = np.random.default_rng(0)
-    arc, across, angle = rng.uniform(size=(3, BEAMS)) * np.array([[LENGTH_MM], [2.0], [2 * np.pi]])
+def rays_at(tube: Any, beams: int, seed: int) -> Beam:
+    """Beams from a travelling head, all round, over the whole view."""
+    rng = np.random.default_rng(seed)
+    arc, across, angle = rng.uniform(size=(3, beams)) * np.array([[LENGTH_MM], [2.0], [2 * np.pi]])
     place = [jnp.asarray(x, jnp.float32) for x in (arc, arc, across - 1, angle)]
-    beams = jax.jit(jax.vmap(aim, in_axes=(None, 0, 0, 0, 0, None, None)))(tube, *place, 250.0, 0.5)
-    ours = jax.jit(jax.vmap(cast, in_axes=(None, 0)))
-    scene_jax = bare(tube)
-    mine = seconds(lambda: ours(scene_jax, beams), rounds)
-
-    def build():
-        shape = centreline("bend", length=LENGTH_MM, bend_radius=BEND_MM, step=0.5)
-        vertices, triangles = mesh(*shape, lambda arc, angle: RADIUS_MM + 0 * arc * angle, turns=900)
-        scene = open3d.t.geometry.RaycastingScene()
-        scene.add_triangles(
-            open3d.core.Tensor(vertices.astype(np.float32)), open3d.core.Tensor(triangles.astype(np.uint32))
-        )
-        scene.cast_rays(open3d.core.Tensor(np.zeros((1, 6), np.float32)))  # builds the tree
-        return scene
-
-    start = time.perf_counter()
-    scene = build()
-    building = time.perf_counter() - start
-    rays = open3d.core.Tensor(np.concatenate([beams.origin_mm, beams.direction], axis=1))
-    theirs = seconds(lambda: scene.cast_rays(rays)["t_hit"].numpy(), rounds)
-    echo, found = ours(scene_jax, beams), scene.cast_rays(rays)["t_hit"].numpy()
-    both = np.asarray(echo.hit) & np.isfinite(found)
-    gap = np.abs(np.asarray(echo.range_mm) - found)[both] * np.asarray(echo.cosine)[both]
-    print(f"device {jax.devices()[0].device_kind}; {BEAMS:,} beams, both hit {both.mean():.1%}, "
-          f"largest difference along the normal {gap.max():.1e} mm")  # fmt: skip
-    print(f"cablejax      {BEAMS / mine:12,.0f} beams/s")
-    print(f"Open3D        {BEAMS / theirs:12,.0f} beams/s, after {building:.2f} s for its mesh and tree")
-    print(f"Open3D / ours {mine / theirs:12.2f} casting alone; ours / Open3D with the mesh "
-          f"{(theirs + building) / mine:.1f}")  # fmt: skip
+    return jax.jit(aim_many)(tube, *place, 250.0, 0.5)
 
 
-def clouds(rounds: int) -> None:
-    """Training clouds a minute, everything included: beams, noise, outliers, pose."""
-    for version in ("clean", "standard", "hard", "real-like"):
+def as_open3d(open3d: Any, beams: Beam) -> Any:
+    """The beams as Open3D's rays."""
+    return open3d.core.Tensor(np.concatenate([beams.origin_mm, beams.direction], axis=1))
+
+
+def raycaster(open3d: Any, bend_mm: float, radius_mm: float, exactness: str) -> Any:
+    """Open3D's scene of a bent cable, its tree built."""
+    step, turns = MESHES[exactness]
+    line = centreline("bend", length=LENGTH_MM, bend_radius=bend_mm, step=step)
+    vertices, triangles = mesh(*line, lambda arc, angle: radius_mm + 0 * arc * angle, turns=turns)
+    scene = open3d.t.geometry.RaycastingScene()
+    scene.add_triangles(
+        open3d.core.Tensor(vertices.astype(np.float32)), open3d.core.Tensor(triangles.astype(np.uint32))
+    )
+    scene.cast_rays(open3d.core.Tensor(np.zeros((1, 6), np.float32)))
+    return scene
+
+
+def table(title: str, runs: Mapping[str, Callable[[], Any]], config: Mapping[str, Any]) -> dict[str, Any]:
+    """`alternate` with the time of each contender's first call taken here."""
+    first = {}
+    for name, run in runs.items():
+        start = time.perf_counter()
+        run()
+        first[name] = time.perf_counter() - start
+    return alternate(title, runs, first, config, None)
+
+
+def casting(open3d: Any, rounds: int) -> dict[str, Any]:
+    """100,000 beams at one cable."""
+    tube = make_tube("bend", diameter_mm=2 * RADIUS_MM, length_mm=LENGTH_MM, bend_radius_mm=BEND_MM)
+    scene, beams, ours = bare(tube), rays_at(tube, BEAMS, 0), jax.jit(jax.vmap(cast, in_axes=(None, 0)))
+    rays = as_open3d(open3d, beams)
+    theirs = {name: raycaster(open3d, BEND_MM, RADIUS_MM, name) for name in MESHES}
+    runs: dict[str, Callable[[], Any]] = {"cablejax": lambda: jax.block_until_ready(ours(scene, beams))}
+    for name, caster in theirs.items():
+        runs[f"open3d {name}"] = lambda caster=caster: caster.cast_rays(rays)["t_hit"].numpy()
+    result = table("casting", runs, {"beams": BEAMS, "rounds": rounds})
+    echo = ours(scene, beams)
+    for name, caster in theirs.items():
+        found = caster.cast_rays(rays)["t_hit"].numpy()
+        both = np.asarray(echo.hit) & np.isfinite(found)
+        gap = np.abs(np.asarray(echo.range_mm) - found)[both] * np.asarray(echo.cosine)[both]
+        result["contenders"][f"open3d {name}"] |= {
+            "largest_difference_mm": float(gap.max()),
+            "both_hit": float(both.mean()),
+        }
+        print(f"{name}: both hit {both.mean():.1%}, largest difference along the normal {gap.max():.1e} mm")
+    return result
+
+
+def batch(open3d: Any, rounds: int) -> dict[str, Any]:
+    """Noise-free clouds of 64 different cables."""
+    bends, radii = np.linspace(700, 3000, CLOUDS), np.linspace(10.6, 22.8, CLOUDS)
+    tubes = [
+        make_tube("bend", diameter_mm=2 * r, length_mm=LENGTH_MM, bend_radius_mm=b)
+        for b, r in zip(bends, radii, strict=True)
+    ]
+    beams = [rays_at(tube, CLOUD_BEAMS, seed) for seed, tube in enumerate(tubes)]
+    scenes, stacked = (jax.tree.map(lambda *x: jnp.stack(x), *items) for items in ([bare(t) for t in tubes], beams))
+    rays = [as_open3d(open3d, beam) for beam in beams]
+    ours = jax.jit(jax.vmap(jax.vmap(cast, in_axes=(None, 0))))
+
+    def theirs(exactness: str) -> None:
+        for bend, radius, ray in zip(bends, radii, rays, strict=True):
+            raycaster(open3d, bend, radius, exactness).cast_rays(ray)["t_hit"].numpy()
+
+    runs = {"cablejax": lambda: jax.block_until_ready(ours(scenes, stacked)), "open3d coarse": lambda: theirs("coarse")}
+    result = table("clouds of noise-free points", runs, {"clouds": CLOUDS, "beams_each": CLOUD_BEAMS, "rounds": rounds})
+    for row in result["contenders"].values():
+        row["clouds_per_second"] = CLOUDS / row["median_s"]
+    return result
+
+
+def training_clouds(rounds: int) -> list[dict[str, Any]]:
+    """Training clouds a minute, by version and size."""
+    rows = []
+    for version in VERSIONS:
         for n_points in (256, 1024):
             config = DatasetConfig(version=version, n_points=n_points)
-            taken = seconds(lambda c=config: sample_clouds(c, 64, key=jax.random.key(0)), rounds)
-            print(f"{version:10s} {n_points:5d} points {60 * 64 / taken:10,.0f} clouds/min")
+            times = []
+            for seed in range(rounds + 1):
+                start = time.perf_counter()
+                jax.block_until_ready(sample_clouds(config, CLOUDS, key=jax.random.key(seed)))
+                times.append(time.perf_counter() - start)
+            rate = 60 * CLOUDS / float(np.median(times[1:]))
+            rows.append({"version": version, "points": n_points, "clouds_per_minute": rate, "first_call_s": times[0]})
+            print(
+                f"{version:10s} {n_points:5d} points {rate:10,.0f} clouds/min, first call {times[0]:.1f} s", flush=True
+            )
+    return rows
 
 
 def main() -> None:
-    """Print both tables."""
+    """Print the tables and write them with their provenance."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rounds", type=int, default=5)
-    rounds = parser.parse_args().rounds
-    casting(rounds)
-    clouds(rounds)
+    parser.add_argument("--output", type=Path, default=Path("results/benchmarks/simulate.json"))
+    options = parser.parse_args()
+    open3d, rounds = open3d_module(), options.rounds
+    device = jax.devices()[0].device_kind
+    print(f"device {device}")
+    result = {"device": device, "casting": casting(open3d, rounds), "batch": batch(open3d, rounds)}
+    result["training_clouds"] = training_clouds(rounds)
+    options.output.parent.mkdir(parents=True, exist_ok=True)
+    write_json(options.output, {**result, "provenance": provenance(seeds=[0], config={"rounds": rounds})})
 
 
 if __name__ == "__main__":

@@ -95,11 +95,20 @@ def _simulate(sub: argparse._SubParsersAction) -> None:
     parser.add_argument("--voltage", default="8.7/15", metavar="KV", help="rated voltage U0/U (default: 8.7/15)")
     parser.add_argument("--points", type=int, default=53_135, help="default: 53135")
     parser.add_argument("--preset", default="line-laser", help="scanner (default: line-laser)")
-    parser.add_argument("--shape", default="straight", help="default: straight")
+    parser.add_argument(
+        "--shape",
+        default="straight",
+        help="line, sheath or accessory, surrounding: bend, corrugated+tray (default: straight)",
+    )
+    parser.add_argument("--bend-radius", type=float, metavar="MM", help="default: 15 diameters")
+    parser.add_argument("--finish", default="matte", help="matte, dark, glossy or dark-glossy (default: matte)")
     parser.add_argument("--length", type=float, default=400.0, metavar="MM", help="default: 400")
     parser.add_argument("--arc", type=float, default=360.0, metavar="DEG", help="circumference seen (default: 360)")
     parser.add_argument("--outliers", type=float, default=0.02, metavar="SHARE", help="default: 0.02")
     parser.add_argument("--seed", type=int, default=0, help="default: 0")
+    parser.add_argument(
+        "--picture", metavar="PNG", help="also draw the scan, coloured by its distance to the true surface"
+    )
 
 
 COMMANDS = {"info": _info, "measure": _measure, "denoise": _denoise, "register": _register, "simulate": _simulate}

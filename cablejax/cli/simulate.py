@@ -10,6 +10,8 @@ from cablejax.cli.scans import WRITABLE, check_output, rows, save, say
 def run(options: argparse.Namespace) -> dict[str, Any]:
     """Simulate and write."""
     check_output(options.output, WRITABLE)
+    if options.picture:
+        check_output(options.picture, (".png",))
     import jax
     import numpy as np
 
@@ -27,6 +29,8 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
             preset=options.preset,
             shape=options.shape,
             length_mm=options.length,
+            bend_radius_mm=options.bend_radius,
+            finish=options.finish,
             arc_deg=options.arc,
             outlier_fraction=options.outliers,
             key=jax.random.key(options.seed),
@@ -34,6 +38,8 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
     except ValueError as error:
         raise NoResultError(str(error)) from None
     save(options.output, np.asarray(scan.xyz_mm, dtype=np.float64))
+    if options.picture:
+        _draw(scan, options.picture)
     return {
         "output": options.output,
         "unit": "mm",
@@ -42,9 +48,41 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
         "cable": sizes[options.size].name,
         "shape": scan.shape,
         "preset": scan.preset,
+        "finish": scan.finish,
         "outliers": int(scan.is_outlier.sum()),
         "seed": options.seed,
+        "picture": options.picture,
     }
+
+
+def _draw(scan: Any, path: str) -> None:
+    """The scan from aslant, and its deviation from the true surface round the cable."""
+    import jax
+    import numpy as np
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    kept = np.flatnonzero(~np.asarray(scan.is_outlier))
+    xyz, off = np.asarray(scan.xyz_mm)[kept], np.asarray(scan.signed_distance_mm)[kept]
+    reach = max(float(np.quantile(np.abs(off), 0.99)), 1e-4)
+    figure = Figure(figsize=(9, 5.2), layout="constrained")
+    FigureCanvasAgg(figure)
+    view, around = figure.subplots(2, 1, height_ratios=(2, 3))
+    order = np.argsort(0.56 * xyz[:, 2] - 0.83 * xyz[:, 1])  # far to near, seen from in front and above
+    flat = xyz[order, 0], (0.83 * xyz[:, 2] + 0.56 * xyz[:, 1])[order]
+    dots = view.scatter(*flat, s=0.6, c=off[order], cmap="coolwarm", vmin=-reach, vmax=reach, linewidths=0)
+    view.set(aspect="equal", xlabel="mm", title=f"{scan.shape}, {scan.preset}, {len(scan.xyz_mm):,} points")
+    figure.colorbar(dots, ax=view, label="mm off the surface", shrink=0.8)
+    place = jax.jit(jax.vmap(scan.surface.locate))(scan.xyz_mm)
+    around.scatter(np.degrees(np.asarray(place.angle)[kept]), off, s=0.4, c="#3b6ea5", linewidths=0)
+    around.set(
+        xlim=(-180, 180),
+        ylim=(-2 * reach, 2 * reach),
+        xlabel="degrees round the cable",
+        ylabel="mm off the true surface",
+    )
+    around.set_title(f"{scan.true_diameter_mm:.1f} mm wide, standard deviation {off.std():.3f} mm", fontsize=10)
+    figure.savefig(path, dpi=100)
 
 
 def table(result: dict[str, Any]) -> str:
@@ -55,5 +93,6 @@ def table(result: dict[str, Any]) -> str:
             ("cable", f"{result['cable']}, true diameter {result['true_diameter_mm']:.3f} mm"),
             ("scan", f"{result['points']:,} points, {result['preset']}, {result['shape']}"),
             ("outliers", f"{result['outliers']:,}"),
+            *([("picture", result["picture"])] if result["picture"] else []),
         ]
     )

@@ -4,10 +4,11 @@ from cablejax.simulate.accessories import Revolved, with_clamp, with_joint, with
 from cablejax.simulate.catalogue import Cable, catalogue, nominal_probabilities
 from cablejax.simulate.clutter import Scene, bare, neighbours, support, tray, trefoil, wall
 from cablejax.simulate.dataset import DatasetConfig, Split, make_split, sample_clouds
+from cablejax.simulate.finish import FINISHES, Finish, finish, sheath_finish
 from cablejax.simulate.noise import add_noise, noise_mm
 from cablejax.simulate.presets import PRESETS, Scanner, scanner
 from cablejax.simulate.profiles import Profile, ProfiledTube, make_profiled
-from cablejax.simulate.scanner import Scan, scan_scene, simulate_scan
+from cablejax.simulate.scanner import Scan, scan_scene, simulate_scan, station_points
 from cablejax.simulate.scenes import SCENES, make_scene
 from cablejax.simulate.shapes import SHAPES, Tube, make_tube
 from cablejax.simulate.stored import load_arrays, load_split, save_split
@@ -15,11 +16,13 @@ from cablejax.simulate.surface import Part, SurfacePoint, locate, signed_distanc
 from cablejax.simulate.user_catalogue import read_catalogue
 
 __all__ = [
+    "FINISHES",
     "PRESETS",
     "SCENES",
     "SHAPES",
     "Cable",
     "DatasetConfig",
+    "Finish",
     "Part",
     "Profile",
     "ProfiledTube",
@@ -33,6 +36,7 @@ __all__ = [
     "add_noise",
     "bare",
     "catalogue",
+    "finish",
     "load_arrays",
     "load_split",
     "locate",
@@ -48,8 +52,10 @@ __all__ = [
     "save_split",
     "scan_scene",
     "scanner",
+    "sheath_finish",
     "signed_distance",
     "simulate_scan",
+    "station_points",
     "support",
     "tray",
     "trefoil",

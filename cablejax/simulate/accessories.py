@@ -1,4 +1,7 @@
-"""Accessories on a straight cable: joints, stress cones, terminations and clamps, as exact surfaces of revolution."""
+"""Accessories on a cable: joints, stress cones, terminations and clamps, as exact surfaces of revolution.
+
+They are stiff, so they sit on a straight part of the cable; before and behind it the cable may bend.
+"""
 
 from typing import NamedTuple
 
@@ -6,16 +9,20 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from cablejax.simulate.centrelines import ArcChain, Centreline
+from cablejax.simulate.centrelines import ArcChain
 from cablejax.simulate.shapes import Tube
-from cablejax.simulate.surface import Part, SurfacePoint, around, label, tube_place, unit
+from cablejax.simulate.surface import Part, SurfacePoint, TubePlace, around, label, tube_place, unit
+
+STRAIGHT_MM = 10.0  # how far the cable stays straight on both sides of an accessory
 
 
 class Revolved(NamedTuple):
-    """A polyline (arc length, radius) turned about a straight centreline.
+    """A polyline (arc length, radius) turned about a centreline that is straight wherever the radius changes.
+
+    Distances are exact for a straight cable, and within `STRAIGHT_MM` of the surface for one that bends elsewhere.
 
     Attributes:
-        centreline: A straight one.
+        centreline: Straight, or straight along the corners.
         radius_mm: Radius of the cable itself `[]`.
         length_mm: Scanned length `[]`.
         arc_mm: Arc lengths of the corners, never decreasing `[k]`.
@@ -23,7 +30,7 @@ class Revolved(NamedTuple):
         parts: `Part` label of the stretch from each corner to the next `[k - 1]`.
     """
 
-    centreline: Centreline
+    centreline: ArcChain
     radius_mm: Float[Array, ""]
     length_mm: Float[Array, ""]
     arc_mm: Float[Array, " k"]
@@ -40,8 +47,11 @@ class Revolved(NamedTuple):
         return jnp.interp(arc_mm, self.arc_mm, self.rho_mm)
 
     def bound(self, xyz: Float[Array, " 3"]) -> Float[Array, ""]:
-        """A step that no beam can take too far; the signed distance itself."""
-        return self.signed_distance(xyz)
+        """A step that no beam can take too far: the signed distance, shortened inside a bend, where lengths shrink."""
+        place = tube_place(self.centreline, xyz)
+        curvature = jnp.max(jnp.abs(self.centreline.curvature))
+        shrink = jnp.maximum(1 - curvature * place.rho_mm, 0.1)
+        return jnp.maximum(place.rho_mm - self.outline_mm, shrink * self._from(place).signed_distance_mm)
 
     def signed_distance(self, xyz: Float[Array, " 3"]) -> Float[Array, ""]:
         """Distance of a point to the surface in mm, negative inside."""
@@ -53,7 +63,9 @@ class Revolved(NamedTuple):
 
     def locate(self, xyz: Float[Array, " 3"]) -> SurfacePoint:
         """Signed distance, normal and place of the nearest surface point: the nearest stretch of the polyline."""
-        place = tube_place(self.centreline, xyz)
+        return self._from(tube_place(self.centreline, xyz))
+
+    def _from(self, place: TubePlace) -> SurfacePoint:
         s, rho = place.arc_mm, place.rho_mm
         # the first and the last stretch run on: their outer corners move beyond the query
         arc = self.arc_mm.at[0].min(s - 1.0).at[-1].max(s + 1.0)
@@ -70,25 +82,27 @@ class Revolved(NamedTuple):
         return SurfacePoint(distance, normal, radius, at, place.angle, self.parts[best])
 
 
-def _straight(tube: Tube) -> None:
-    if not isinstance(tube.centreline, ArcChain) or bool((tube.centreline.curvature != 0).any()):
-        raise ValueError("tube: expected a straight cable, since distances along a bend are not those of the profile")
-
-
 def revolve(tube: Tube, corners: list[tuple[float, float]], parts: list[int]) -> Revolved:
-    """A straight cable whose radius follows corners (arc length, radius), with the part label of each stretch.
+    """A cable whose radius follows corners (arc length, radius), with the part label of each stretch.
 
     Raises:
-        ValueError: If the cable is bent, or the corners are not in order or too few.
+        ValueError: If the cable is not straight along the corners and `STRAIGHT_MM` beyond, or the corners are not in
+            order or too few.
     """
-    _straight(tube)
     arcs = np.array([arc for arc, _ in corners])
     if len(corners) < 2 or (np.diff(arcs) < 0).any() or len(parts) != len(corners) - 1:
         raise ValueError(f"corners: expected at least 2 in order and one part less, got {corners} and {parts}")
+    line = tube.centreline
+    if not isinstance(line, ArcChain) or _bends_within(line, arcs[0] - STRAIGHT_MM, arcs[-1] + STRAIGHT_MM):
+        where = f"{arcs[0] - STRAIGHT_MM:g} to {arcs[-1] + STRAIGHT_MM:g} mm"
+        raise ValueError(f"tube: expected a cable that is straight from {where}, for an accessory does not bend")
     first, second = (jnp.asarray(column, jnp.float32) for column in zip(*corners, strict=True))
-    return Revolved(
-        tube.centreline, tube.radius_mm, tube.length_mm, first, second, jnp.stack([label(part) for part in parts])
-    )
+    return Revolved(line, tube.radius_mm, tube.length_mm, first, second, jnp.stack([label(part) for part in parts]))
+
+
+def _bends_within(line: ArcChain, low_mm: float, high_mm: float) -> bool:
+    start, length, curvature = (np.asarray(x) for x in (line.arc_mm, line.length_mm, line.curvature))
+    return bool(((curvature != 0) & (length > 0) & (start < high_mm) & (start + length > low_mm)).any())
 
 
 def with_joint(tube: Tube, *, radius_mm: float, length_mm: float, taper_mm: float = 20.0) -> Revolved:
@@ -123,7 +137,7 @@ def with_termination(tube: Tube, *, core_mm: float, shed_mm: float, sheds: int =
         at = middle + shed * pitch
         corners += [(at - 4, core_mm), (at - 1, shed_mm), (at + 1, shed_mm), (at + 4, core_mm)]
         parts += [Part.TERMINATION] * 4
-    return revolve(tube, [*corners, (length, core_mm)], [*parts, Part.TERMINATION])
+    return revolve(tube, [*corners, (max(length, corners[-1][0]), core_mm)], [*parts, Part.TERMINATION])
 
 
 def with_clamp(tube: Tube, *, thickness_mm: float = 6.0, width_mm: float = 30.0) -> Revolved:

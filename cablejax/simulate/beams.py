@@ -9,13 +9,15 @@ from jax.scipy.special import ndtr
 from jaxtyping import Array, Bool, Float, Int
 
 from cablejax.simulate.clutter import Cabling, Scene
+from cablejax.simulate.finish import light
 from cablejax.simulate.shapes import Tube
-from cablejax.simulate.surface import SurfacePoint, around, label, unit
+from cablejax.simulate.surface import SurfacePoint, around, unit
 
 TRACE_STEPS = 16  # sphere-tracing steps for a tube by itself, which the landing steps take from any distance
 TRACE_STEPS_BEHIND = 64  # for scenes where a beam may graze one thing and meet the next
 LANDING_STEPS = 5
 LEAST_COSINE = 0.02  # beams within 1.1 degrees of the surface do not come back
+MOST_STANDOFFS = 4  # the working range: nothing comes back from farther away
 HIT_MM = 0.01  # a landed beam within this of the surface has met it
 
 
@@ -91,16 +93,16 @@ def cast(scene: Scene, beam: Beam) -> Echo:
         return t + jnp.maximum(scene.bound(beam.origin_mm + t * beam.direction), 0.0)
 
     def land(_, state):
-        xyz, t, _, _ = state
-        surface = scene.locate(xyz)
-        shift, passes = _to_cylinder(surface, beam)
-        return xyz + shift * beam.direction, t + shift, surface, passes
+        xyz, t = state
+        shift, _ = _to_cylinder(scene.locate(xyz), beam)
+        return xyz + shift * beam.direction, t + shift
 
-    zero = jnp.zeros(())
-    t = jax.lax.fori_loop(0, steps, trace, zero)
-    blank = SurfacePoint(zero, jnp.zeros(3), zero, zero, zero, label(0))
-    start = (beam.origin_mm + t * beam.direction, t, blank, zero > 0)
-    xyz, t, surface, passes = jax.lax.fori_loop(0, LANDING_STEPS, land, start)
+    t = jax.lax.fori_loop(0, steps, trace, jnp.zeros(()))
+    # the last step stands outside: only there are arc length, angle and part asked for
+    xyz, t = jax.lax.fori_loop(0, LANDING_STEPS - 1, land, (beam.origin_mm + t * beam.direction, t))
+    surface = scene.locate(xyz)
+    shift, passes = _to_cylinder(surface, beam)
+    xyz, t = xyz + shift * beam.direction, t + shift
     cosine = -jnp.dot(surface.normal, beam.direction)
     facing = ~passes & (cosine > LEAST_COSINE) & (jnp.abs(surface.signed_distance_mm) < HIT_MM)
     hit = facing & _scanned(scene.cable, surface.arc_mm)
@@ -164,10 +166,17 @@ def measure(scene: Scene, beam: Beam, numbers: dict[str, Array], luck: Float[Arr
     inside = (echo.hit | (echo.margin_mm < 0)) & split
     is_mixed = inside & (chance[0] < numbers["mixed_share"]) & _scanned(scene.cable, echo.arc_mm)
     behind = jnp.where(is_mixed, (1 - on_cable) * numbers["mixed_depth_mm"] * chance[1], 0.0)
-    kept = chance[2] < jax.nn.sigmoid((echo.cosine - numbers["dropout_cos"]) / numbers["dropout_width"])
-    valid = (echo.hit & kept) | is_mixed
+    back = light(scene.finish, echo.part, echo.cosine)
+    strong = jax.nn.sigmoid((back.signal - numbers["dropout_cos"]) / numbers["dropout_width"])
+    kept = chance[2] < strong * (1 - back.glare)
+    valid = ((echo.hit & kept) | is_mixed) & (echo.range_mm < MOST_STANDOFFS * numbers["standoff_mm"])
     grow = (echo.range_mm / numbers["standoff_mm"]) ** numbers["range_power"]
-    std = numbers["range_mm"] * grow / jnp.maximum(echo.cosine, 0.1) ** numbers["incidence_power"]
+    std = (
+        numbers["range_mm"]
+        * grow
+        / jnp.maximum(echo.cosine, 0.1) ** numbers["incidence_power"]
+        / jnp.sqrt(back.diffuse)
+    )
     error = behind + numbers["range_bias_mm"] + std * draw[2]
     quantum = numbers["quantum_mm"]
     counted = jnp.round((echo.range_mm + error) / jnp.where(quantum > 0, quantum, 1.0)) * quantum - echo.range_mm

@@ -12,8 +12,9 @@ CONDUCTOR_MM = {
 }  # fmt: skip
 
 # IEC 60502-2, Table 6: nominal XLPE thickness in mm by rated voltage U0/U in kV, and the smallest size offered.
-XLPE_MM = {"6/10": 3.4, "8.7/15": 4.5, "12/20": 5.5, "18/30": 8.0}
-SMALLEST_MM2 = {"6/10": 25, "8.7/15": 25, "12/20": 35, "18/30": 50}
+XLPE_MM = {"3.6/6": 2.5, "6/10": 3.4, "8.7/15": 4.5, "12/20": 5.5, "18/30": 8.0}
+THICKER_XLPE_MM = {"3.6/6": {240: 2.6, 300: 2.8, 400: 3.0, 500: 3.2, 630: 3.2}}  # where it grows with the size
+SMALLEST_MM2 = {"3.6/6": 25, "6/10": 25, "8.7/15": 25, "12/20": 35, "18/30": 50}
 
 SEMICONDUCTING_SCREENS_MM = 3.0  # Annex A: added to the core's diameter for its two semi-conducting screens
 # Table A.3: metallic screens up to 4 mm2 add 0.5 mm. One copper tape 0.1 mm x 35 mm, overlapping, is 3.5 mm2.
@@ -94,10 +95,13 @@ def iec_cable(size_mm2: int, voltage_kv: str, *, armoured: bool = False) -> Cabl
         raise ValueError(f"voltage_kv: expected one of {', '.join(XLPE_MM)}, got {voltage_kv!r}")
     if size_mm2 not in CONDUCTOR_MM:
         raise ValueError(f"size_mm2: expected one of {list(CONDUCTOR_MM)}, got {size_mm2!r}")
-    conductor, insulation = CONDUCTOR_MM[size_mm2], XLPE_MM[voltage_kv]
+    conductor = CONDUCTOR_MM[size_mm2]
+    insulation = THICKER_XLPE_MM.get(voltage_kv, {}).get(size_mm2, XLPE_MM[voltage_kv])
     under = conductor + 2 * insulation + SEMICONDUCTING_SCREENS_MM + METALLIC_SCREEN_MM
+    source = "computed: IEC 60502-2 Annex A, Table 6, sheath 0.035 D + 1.0"
     if armoured:
         under = over_armour_mm(under)
+        source += ", inner sheath 0.02 D + 0.6, round wires by the diameter under the armour"
     sheath = sheath_mm(under, least_mm=LEAST_ARMOURED_SHEATH_MM if armoured else LEAST_SHEATH_MM)
     return Cable(
         name=f"XLPE {size_mm2} mm2 {voltage_kv} kV" + (" armoured" if armoured else ""),
@@ -107,7 +111,7 @@ def iec_cable(size_mm2: int, voltage_kv: str, *, armoured: bool = False) -> Cabl
         conductor_mm=conductor,
         insulation_mm=insulation,
         sheath_mm=sheath,
-        source="computed: IEC 60502-2 Annex A, Table 6, sheath 0.035 D + 1.0",
+        source=source,
     )
 
 

@@ -1,5 +1,6 @@
 """What stands around a cable: walls, trays, saddles, brackets, other cables; and the scene that holds them all."""
 
+import math
 from typing import NamedTuple
 
 import jax
@@ -8,6 +9,7 @@ from jaxtyping import Array, Float
 
 from cablejax.simulate.accessories import Revolved
 from cablejax.simulate.centrelines import ArcChain
+from cablejax.simulate.finish import MATTE, Finish
 from cablejax.simulate.profiles import ProfiledTube
 from cablejax.simulate.shapes import Tube
 from cablejax.simulate.surface import Part, SurfacePoint, label
@@ -37,9 +39,35 @@ class Box(NamedTuple):
         outside = jnp.where(sq > 0, jnp.sqrt(jnp.where(sq > 0, sq, 1.0)), 0.0)  # double where: finite gradient inside
         return outside + jnp.minimum(jnp.max(over), 0.0)
 
+    def near(self, xyz: Float[Array, " 3"]) -> tuple[Float[Array, ""], Float[Array, " 3"]]:
+        """Signed distance and normal of the nearest surface point."""
+        return jax.value_and_grad(self.signed_distance)(xyz)
+
+
+class Plane(NamedTuple):
+    """A wall in any direction: everything behind a plane.
+
+    Attributes:
+        normal: Unit vector out of the wall `[3]`.
+        level_mm: Distance of the plane from the origin along the normal `[]`.
+        part: `Part` label `[]`.
+    """
+
+    normal: Float[Array, " 3"]
+    level_mm: Float[Array, ""]
+    part: Array
+
+    def signed_distance(self, xyz: Float[Array, " 3"]) -> Float[Array, ""]:
+        """Distance of a point to the plane in mm, negative behind it."""
+        return jnp.dot(self.normal, xyz) - self.level_mm
+
+    def near(self, xyz: Float[Array, " 3"]) -> tuple[Float[Array, ""], Float[Array, " 3"]]:
+        """Signed distance and normal of the nearest surface point."""
+        return self.signed_distance(xyz), self.normal
+
 
 class Neighbour(NamedTuple):
-    """Another cable: a copy of a tube, shifted.
+    """Another cable: a tube, shifted.
 
     Attributes:
         tube: The tube.
@@ -55,8 +83,13 @@ class Neighbour(NamedTuple):
         """Distance of a point to the surface in mm, negative inside."""
         return self.tube.signed_distance(xyz - self.shift_mm)
 
+    def near(self, xyz: Float[Array, " 3"]) -> tuple[Float[Array, ""], Float[Array, " 3"]]:
+        """Signed distance and normal of the nearest surface point."""
+        place = self.tube.locate(xyz - self.shift_mm)
+        return place.signed_distance_mm, place.normal
 
-Solid = Box | Neighbour
+
+Solid = Box | Plane | Neighbour
 
 
 class Scene(NamedTuple):
@@ -66,11 +99,13 @@ class Scene(NamedTuple):
         cable: The cable that is scanned.
         solids: The rest.
         view_mm: How far beyond the cable's outline the scanner looks `[]`.
+        finish: How much light each part sends back.
     """
 
     cable: Cabling
     solids: tuple[Solid, ...]
     view_mm: Float[Array, ""]
+    finish: Finish = MATTE
 
     def bound(self, xyz: Float[Array, " 3"]) -> Float[Array, ""]:
         """A step that no beam can take too far."""
@@ -83,7 +118,7 @@ class Scene(NamedTuple):
         """Distance to the nearest surface, its normal and label; arc length and angle are always the cable's."""
         place = self.cable.locate(xyz)
         for solid in self.solids:
-            distance, normal = jax.value_and_grad(solid.signed_distance)(xyz)
+            distance, normal = solid.near(xyz)
             nearer = distance < place.signed_distance_mm
             place = place._replace(
                 signed_distance_mm=jnp.where(nearer, distance, place.signed_distance_mm),
@@ -110,18 +145,30 @@ def wall(cable: Cabling, *, gap_mm: float = 5.0) -> Scene:
     return Scene(cable, (box((0.0, 0.0, top - 500.0), (1e4, 1e4, 500.0), Part.WALL),), jnp.float32(20.0))
 
 
-def tray(cable: Cabling, *, width_mm: float = 150.0, height_mm: float = 50.0, sheet_mm: float = 2.0) -> Scene:
-    """A tray of sheet metal with two sides, the cable lying on its floor."""
+def tray(cable: Cabling, *, width_mm: float | None = None, height_mm: float = 50.0, sheet_mm: float = 2.0) -> Scene:
+    """A straight tray of sheet metal with two sides, the cable lying on its floor.
+
+    It is 150 mm wide, or as wide as a bent cable needs with 10 mm to spare on both sides.
+    """
     r = float(cable.outline_mm)
-    floor, half = -r - 0.5 * sheet_mm, 0.5 * float(cable.length_mm)
+    half = 0.5 * float(cable.length_mm)
+    half_width = max(75.0, _reach(cable) + 10.0) if width_mm is None else 0.5 * width_mm
+    floor = -r - 0.5 * sheet_mm
     side = (half, 0.5 * sheet_mm, 0.5 * height_mm)
     middle = floor + 0.5 * height_mm
     solids = (
-        box((0.0, 0.0, floor), (half, 0.5 * width_mm, 0.5 * sheet_mm), Part.TRAY),
-        box((0.0, 0.5 * width_mm, middle), side, Part.TRAY),
-        box((0.0, -0.5 * width_mm, middle), side, Part.TRAY),
+        box((0.0, 0.0, floor), (half, half_width, 0.5 * sheet_mm), Part.TRAY),
+        box((0.0, half_width, middle), side, Part.TRAY),
+        box((0.0, -half_width, middle), side, Part.TRAY),
     )
-    return Scene(cable, solids, jnp.float32(0.5 * width_mm - r + 5.0))
+    return Scene(cable, solids, jnp.float32(half_width - r + 5.0))
+
+
+def _reach(cable: Cabling) -> float:
+    """How far the cable reaches to either side of the line y = 0."""
+    arc = jnp.linspace(0.0, float(cable.length_mm), 201)
+    points = jax.vmap(lambda s: cable.centreline.at(s)[0])(arc)
+    return float(jnp.max(jnp.abs(points[:, 1])) + cable.outline_mm)
 
 
 def support(cable: Cabling) -> Scene:
@@ -134,19 +181,42 @@ def support(cable: Cabling) -> Scene:
     return Scene(cable, solids, jnp.float32(20.0))
 
 
-def neighbours(cable: Tube, shifts_mm: list[tuple[float, float, float]]) -> Scene:
-    """Copies of the cable beside it, at the given shifts."""
-    solids = tuple(Neighbour(cable, jnp.asarray(shift, jnp.float32), label(Part.OTHER_CABLE)) for shift in shifts_mm)
-    return Scene(cable, solids, jnp.float32(0.5) * cable.radius_mm)
+def neighbour(cable: Tube, across_mm: Array, up_mm: Array, radius_mm: Array) -> Neighbour:
+    """A cable of any radius that runs along another one, straight or bent, at constant offsets from its axis."""
+    assert isinstance(cable.centreline, ArcChain)
+    beside = Tube(cable.centreline.parallel(across_mm), radius_mm, cable.length_mm)
+    return Neighbour(beside, jnp.stack([0 * up_mm, 0 * up_mm, up_mm]), label(Part.OTHER_CABLE))
 
 
-def trefoil(cable: Tube) -> Scene:
-    """Three touching cables; the scanned one is the upper.
+def neighbours(cable: Cabling, offsets_mm: list[tuple[float, float]]) -> Scene:
+    """Round cables of the same radius that run along the cable, also round its bends; seen as far as their axes.
+
+    Args:
+        cable: The cable that is scanned: straight or of circular bends.
+        offsets_mm: Of each neighbour's axis: across (along the in-plane normal) and up (along z).
 
     Raises:
-        ValueError: If the cable is bent: shifted copies of a bend cut into each other.
+        ValueError: If the cable hangs in a catenary, whose parallels are none, or an offset reaches the centre of a bend.
     """
-    if not isinstance(cable.centreline, ArcChain) or bool((cable.centreline.curvature != 0).any()):
-        raise ValueError("cable: expected a straight one for a trefoil")
+    line = cable.centreline
+    if not isinstance(line, ArcChain):
+        raise ValueError(
+            "cable: expected a straight or bent one, since curves parallel to a catenary are no catenaries"
+        )
+    for across, _ in offsets_mm:
+        if bool((line.curvature * (abs(across) + cable.radius_mm) >= 1).any()):
+            raise ValueError(f"offsets_mm: expected less than the bend radius, got {across!r} across")
+    along = Tube(line, cable.radius_mm, cable.length_mm)
+    solids = tuple(neighbour(along, jnp.float32(a), jnp.float32(up), cable.radius_mm) for a, up in offsets_mm)
+    reach = max(math.hypot(*offset) for offset in offsets_mm) - float(cable.radius_mm)
+    return Scene(cable, solids, jnp.float32(max(reach, 0.0)))
+
+
+def trefoil(cable: Cabling) -> Scene:
+    """Three touching round cables; the scanned one is the upper.
+
+    Raises:
+        ValueError: If the cable hangs in a catenary or bends more tightly than its neighbours can.
+    """
     r = float(cable.radius_mm)
-    return neighbours(cable, [(0.0, r, -(3**0.5) * r), (0.0, -r, -(3**0.5) * r)])
+    return neighbours(cable, [(r, -(3**0.5) * r), (-r, -(3**0.5) * r)])

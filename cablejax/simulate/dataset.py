@@ -78,10 +78,10 @@ class DatasetConfig:
         return tuple(by_size[size] for size in self.sizes_mm2)
 
 
-@partial(jax.jit, static_argnames=("lines", "columns", "n_points", "canonical"))
-def _clouds(nominal_mm, numbers, limits, split, index, key, *, lines, columns, n_points, canonical):
+@partial(jax.jit, static_argnames=("lines", "columns", "n_points", "cluttered", "canonical"))
+def _clouds(nominal_mm, numbers, limits, split, index, key, *, lines, columns, n_points, cluttered, canonical):
     """Clouds in their pose: points `[b, n, 3]`, masks `[b, n]`, diameters `[b]`."""
-    draw = partial(draw_cloud, lines=lines, columns=columns, n_points=n_points)
+    draw = partial(draw_cloud, lines=lines, columns=columns, n_points=n_points, cluttered=cluttered)
     keys = jax.vmap(jax.random.fold_in, in_axes=(None, 0))(key, index)
     xyz, mask, diameter = jax.vmap(draw, in_axes=(0, None, None, None, 0))(nominal_mm, numbers, limits, split, keys)
     return jax.vmap(canonical_pose if canonical else centred)(xyz, mask), mask, diameter
@@ -94,7 +94,8 @@ def _draw(config: DatasetConfig, split: int, label: Array, index: Array, key: PR
     return _clouds(
         jnp.asarray(config.diameters_mm, jnp.float32)[label], numbers_of(version.scanner), limits_of(version),
         jnp.int32(split), index, key,
-        lines=lines, columns=columns, n_points=config.n_points, canonical=config.canonical_pose,
+        lines=lines, columns=columns, n_points=config.n_points, cluttered=version.clutter > 0,
+        canonical=config.canonical_pose,
     )  # fmt: skip
 
 

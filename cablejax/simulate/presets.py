@@ -61,19 +61,19 @@ PRESETS = {
         standoff_mm=400.0, moving_head=False, range_mm=0.05, range_power=2.0, incidence_power=1.0, range_bias_mm=0.0,
         jitter_mrad=0.05, footprint_mm=0.05, mixed_share=0.3, mixed_depth_mm=2.0, dropout_cos=0.2, dropout_width=0.04,
         quantum_mm=0.0, registration_mm=0.03, resweep_share=0.1, density_variation=0.2,
-        stands_for="hand-held structured-light scanner, accuracy class 0.05 mm",
+        stands_for="hand-held structured light: accuracy 0.05 mm, resolution 0.1 mm, as of an Artec Space Spider",
     ),
     "line-laser": Scanner(
         standoff_mm=250.0, moving_head=True, range_mm=0.1, range_power=2.0, incidence_power=1.0, range_bias_mm=0.0,
         jitter_mrad=0.2, footprint_mm=0.1, mixed_share=0.5, mixed_depth_mm=5.0, dropout_cos=0.15, dropout_width=0.04,
         quantum_mm=0.01, registration_mm=0.05, resweep_share=0.2, density_variation=0.3,
-        stands_for="line-laser triangulation head on an arm, accuracy class 0.1 mm",
+        stands_for="line laser on a measuring arm: 0.1 mm, as of a FARO Edge with its line probe",
     ),
     "terrestrial": Scanner(
         standoff_mm=3000.0, moving_head=False, range_mm=1.5, range_power=1.0, incidence_power=0.5, range_bias_mm=0.0,
         jitter_mrad=0.1, footprint_mm=1.0, mixed_share=0.8, mixed_depth_mm=60.0, dropout_cos=0.1, dropout_width=0.04,
         quantum_mm=0.1, registration_mm=1.0, resweep_share=0.1, density_variation=0.1,
-        stands_for="terrestrial LiDAR, range noise 1-3 mm, 4 mm beam",
+        stands_for="terrestrial LiDAR: 1-3 mm, beam 4 mm wide, as of a Leica ScanStation P40 or a FARO Focus S70",
     ),
     "paper-floor": Scanner(
         standoff_mm=500.0, moving_head=True, range_mm=0.352, range_power=2.0, incidence_power=1.0, range_bias_mm=0.0,

@@ -10,6 +10,7 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from cablejax.simulate.catalogue import Cable
 from cablejax.simulate.clutter import Cabling, Scene
+from cablejax.simulate.finish import finish as finish_of
 from cablejax.simulate.presets import Scanner, numbers_of, scanner
 from cablejax.simulate.scenes import make_scene
 from cablejax.simulate.surface import around, unit
@@ -33,8 +34,11 @@ class Scan(NamedTuple):
         shape: Name of the shape.
         preset: Name of the scanner preset.
         surface: The cable's true surface.
-        T_cable_station: Pose of each station `[s, 4, 4]`: x along the cable, z from the station to the cable; of a
-            travelling head, half-way.
+        T_cable_station: True pose of each station `[s, 4, 4]`: x along the cable, z from the station to the cable; of
+            a travelling head, half-way.
+        sweep: 0 for the first sweep of a station, 1 for its repeated one `[n]`.
+        shift_mm: By how much registration left each sweep misplaced: by station and sweep `[s, 2, 3]`.
+        finish: Name of the sheath's finish.
     """
 
     xyz_mm: Float[Array, "n 3"]
@@ -49,6 +53,9 @@ class Scan(NamedTuple):
     preset: str
     surface: Cabling
     T_cable_station: Float[Array, "s 4 4"]
+    sweep: Int[Array, " n"]
+    shift_mm: Float[Array, "s 2 3"]
+    finish: str
 
 
 @partial(jax.jit, static_argnames=("lines", "columns", "n_points"))
@@ -56,7 +63,7 @@ def _scan(scene, angles, arc, middle, numbers, outliers, key, *, lines, columns,
     keys = jax.random.split(key, 3)
     back = sweep_beams(scene, angles, arc, middle, numbers, keys[0], lines=lines, columns=columns)
     rows = choose_rows(back, hang_in_air(scene.cable, keys[1], count=n_points), outliers, keys[2])
-    return rows, jax.vmap(scene.cable.signed_distance)(rows.xyz_mm)
+    return rows, jax.vmap(scene.cable.signed_distance)(rows.xyz_mm), back.shift_mm
 
 
 def station_pose(cable: Cabling, angle: Float[Array, ""], standoff_mm: Float[Array, ""]) -> Float[Array, "4 4"]:
@@ -75,7 +82,7 @@ def scan_scene(
 ) -> Scan:  # fmt: skip
     """Scan any scene with any scanner; `simulate_scan` does it by name and documents the arguments.
 
-    The result's `shape` and `preset` are "scene" and "scanner".
+    The result's `shape` and `finish` are "scene", its `preset` is "scanner".
 
     Raises:
         ValueError: If an argument is out of range.
@@ -93,7 +100,7 @@ def scan_scene(
     outliers = round(outlier_fraction * n_points)
     for factor in BEAMS_PER_POINT:
         lines, columns = raster_size(factor * n_points / stations, scene)
-        rows, distance = _scan(
+        rows, distance, shift = _scan(
             scene, angles, jnp.float32(arc), jnp.float32(middle), numbers_of(device), jnp.int32(outliers), key,
             lines=lines, columns=columns, n_points=n_points,
         )  # fmt: skip
@@ -105,6 +112,7 @@ def scan_scene(
     return Scan(
         rows.xyz_mm, distance, rows.is_outlier, rows.is_mixed, jnp.zeros_like(rows.is_outlier), rows.part,
         rows.station, 2 * float(cable.radius_mm), "scene", "scanner", cable, poses,
+        rows.sweep, shift, "scene",
     )  # fmt: skip
 
 
@@ -119,6 +127,7 @@ def simulate_scan(
     arc_deg: float | int = 360.0,
     stations: int = 3,
     outlier_fraction: float | int = 0.02,
+    finish: str = "matte",
     key: PRNGKeyArray,
 ) -> Scan:
     """Scan a cable: beams, noise, losses and outliers, with the truth of every point.
@@ -127,12 +136,13 @@ def simulate_scan(
         cable: What is scanned.
         n_points: Rows of the result, exactly.
         preset: Name of the scanner, a key of `PRESETS`.
-        shape: Name of the shape or scene, one of `SCENES`; see `make_tube` and `make_scene`.
+        shape: Name of the shape or scene, one of `SCENES`, or several joined by "+": see `make_scene`.
         length_mm: Scanned length of the centreline.
         bend_radius_mm: See `make_tube`.
         arc_deg: How much of the circumference is seen, 360 for all of it.
         stations: Scanner positions, spread evenly over that arc.
         outlier_fraction: Share of the rows that hang in the air, rounded to whole rows.
+        finish: Name of the sheath's finish, a key of `FINISHES`: dark sheaths send back less, glossy ones dazzle.
         key: Consumed.
 
     Raises:
@@ -147,10 +157,28 @@ def simulate_scan(
     """
     scene = make_scene(shape, diameter_mm=cable.diameter_mm, length_mm=length_mm, bend_radius_mm=bend_radius_mm)
     scan = scan_scene(
-        scene, device=scanner(preset), n_points=n_points, arc_deg=arc_deg, stations=stations,
+        scene._replace(finish=finish_of(finish)), device=scanner(preset), n_points=n_points, arc_deg=arc_deg, stations=stations,
         outlier_fraction=outlier_fraction, key=key,
     )  # fmt: skip
-    return scan._replace(true_diameter_mm=cable.diameter_mm, shape=shape, preset=preset)
+    return scan._replace(true_diameter_mm=cable.diameter_mm, shape=shape, preset=preset, finish=finish)
+
+
+def station_points(scan: Scan, station: int) -> Float[Array, "m 3"]:
+    """What one station measured, in its own frame, before any registration: truth for aligning scans.
+
+    The pose `scan.T_cable_station[station]` brings the points onto the cable, without the shifts that
+    `Scanner.registration_mm` leaves in `scan.xyz_mm`. Points in the air are left out.
+
+    Raises:
+        ValueError: If there is no such station.
+    """
+    stations = scan.T_cable_station.shape[0]
+    if not 0 <= station < stations:
+        raise ValueError(f"station: expected 0 to {stations - 1}, got {station!r}")
+    mine = (scan.station == station) & ~scan.is_outlier
+    points = (scan.xyz_mm - scan.shift_mm[scan.station, scan.sweep])[mine]
+    pose = scan.T_cable_station[station]
+    return (points - pose[None, :3, 3]) @ pose[:3, :3]
 
 
 def raster_size(beams: float, scene: Scene) -> tuple[int, int]:

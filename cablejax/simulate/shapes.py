@@ -5,7 +5,7 @@ from typing import Literal, NamedTuple, get_args
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from cablejax.simulate.centrelines import Catenary, Centreline, arc_chain
+from cablejax.simulate.centrelines import ArcChain, Catenary, Centreline, arc_chain
 from cablejax.simulate.surface import Part, SurfacePoint, around, label, tube_place
 
 Shape = Literal["straight", "bend", "s-bend", "catenary"]
@@ -34,8 +34,7 @@ class Tube(NamedTuple):
 
     def signed_distance(self, xyz: Float[Array, " 3"]) -> Float[Array, ""]:
         """Distance of a point to the surface in mm, negative inside: the distance to the centreline less the radius."""
-        foot = self.centreline.foot(xyz)
-        return jnp.sqrt(foot.normal_mm**2 + foot.height_mm**2) - self.radius_mm
+        return jnp.sqrt(self.centreline.sq_distance(xyz) + xyz[2] ** 2) - self.radius_mm
 
     def bound(self, xyz: Float[Array, " 3"]) -> Float[Array, ""]:
         """A step that no beam can take too far; the signed distance itself."""
@@ -110,6 +109,29 @@ def two_bends(
     tail = 0.5 * length_mm - half
     pieces = [(tail, 0.0), (half, first), (half, second), (tail, 0.0)]
     return Tube(_merge_ends(pieces), radius_mm, length_mm)
+
+
+def straight_run(tube: Tube, low_mm: float, high_mm: float) -> Tube:
+    """A bend or an S-bend with the same curvatures whose bends lie outside the arc lengths `low_mm` to `high_mm`.
+
+    Joints, clamps and terminations are stiff: cables bend before and behind them, over all of the length but 5 % at
+    either end. Where `high_mm` is the length or more, there is only the bend before.
+
+    Raises:
+        ValueError: If the cable hangs in a catenary, or the straight part is not in order within the length.
+    """
+    line, length = tube.centreline, float(tube.length_mm)
+    if not isinstance(line, ArcChain):
+        raise ValueError(
+            "tube: expected a straight or bent cable, for one that hangs in a catenary is straight nowhere"
+        )
+    tail = 0.05 * length
+    if not tail < low_mm < high_mm:
+        raise ValueError(f"low_mm, high_mm: expected above {tail:g} and in order, got {low_mm!r}, {high_mm!r}")
+    high = min(high_mm, length - tail)
+    pieces = [(low_mm - tail, line.curvature[1]), (high - low_mm, 0.0), (length - tail - high, line.curvature[2])]
+    chain = arc_chain(pieces)
+    return tube._replace(centreline=chain._replace(arc_mm=chain.arc_mm + tail))
 
 
 def _merge_ends(pieces):

@@ -66,13 +66,25 @@ def raster(
 
 
 class Returns(NamedTuple):
-    """What all beams gave: `Return` with a leading axis, and the station `[m]`."""
+    """What all beams gave: `Return` with a leading axis, their origin, and what registration left.
+
+    Attributes:
+        xyz_mm: `[m, 3]`.
+        valid: `[m]`.
+        is_mixed: `[m]`.
+        station: `[m]`.
+        sweep: 0 for the first sweep of a station, 1 for the repeated one `[m]`.
+        part: `[m]`.
+        shift_mm: By how much each sweep is misplaced: by station, sweep `[s, 2, 3]`.
+    """
 
     xyz_mm: Float[Array, "m 3"]
     valid: Bool[Array, " m"]
     is_mixed: Bool[Array, " m"]
     station: Int[Array, " m"]
+    sweep: Int[Array, " m"]
     part: Int[Array, " m"]
+    shift_mm: Float[Array, "s 2 3"]
 
 
 def sweep_beams(
@@ -84,7 +96,7 @@ def sweep_beams(
     Args:
         scene: The cable and what stands around it.
         angles: Direction of each station around the cable, radians.
-        arc: Part of the circumference that is seen, radians, 2 pi for all.
+        arc: Part of the cable's circumference that is seen, radians, 2 pi for all.
         middle: Angle of the middle of that part.
         numbers: The fields of `Scanner` as arrays `[]`.
         key: Consumed.
@@ -107,11 +119,12 @@ def sweep_beams(
     )
     back = jax.vmap(measure, in_axes=(None, 0, None, 0))(scene, rays, numbers, draws[1].reshape(beams, 6))
     off = back.angle - middle
-    seen = jnp.abs(jnp.arctan2(jnp.sin(off), jnp.cos(off))) <= 0.5 * arc
+    seen = (jnp.abs(jnp.arctan2(jnp.sin(off), jnp.cos(off))) <= 0.5 * arc) | (back.part >= Part.SADDLE)
     shift = numbers["registration_mm"] * gaussian(draws[2]).reshape(stations, 2, 3)
     return Returns(
-        back.xyz_mm + shift[plan.station, plan.sweep], back.valid & seen, back.is_mixed, plan.station, back.part
-    )
+        back.xyz_mm + shift[plan.station, plan.sweep], back.valid & seen, back.is_mixed, plan.station, plan.sweep,
+        back.part, shift,
+    )  # fmt: skip
 
 
 def hang_in_air(cable: Cabling, key: PRNGKeyArray, *, count: int) -> Float[Array, "count 3"]:
@@ -130,6 +143,7 @@ class Rows(NamedTuple):
         is_outlier: `[n]`.
         is_mixed: `[n]`.
         station: `[n]`.
+        sweep: `[n]`.
         part: `Part` label `[n]`.
         is_padding: True for rows that too few returns left empty `[n]`.
     """
@@ -138,6 +152,7 @@ class Rows(NamedTuple):
     is_outlier: Bool[Array, " n"]
     is_mixed: Bool[Array, " n"]
     station: Int[Array, " n"]
+    sweep: Int[Array, " n"]
     part: Int[Array, " n"]
     is_padding: Bool[Array, " n"]
 
@@ -167,6 +182,7 @@ def choose_rows(back: Returns, air: Float[Array, "n 3"], outliers: Int[Array, ""
         outlier,
         back.is_mixed[source] & ~outlier,
         back.station[source],
+        back.sweep[source],
         jnp.where(outlier, Part.AIR, back.part[source]),
         ~outlier & (rank >= jnp.sum(drawn)),
     )

@@ -13,6 +13,8 @@ def curvature(shape, arc, *, length, bend_radius):
     if shape == "s-bend":
         first, second = (share > 0.1) & (share < 0.5), (share > 0.5) & (share < 0.9)
         return np.where(first, 1 / bend_radius, np.where(second, -1 / bend_radius, 0.0))
+    if shape == "run":  # straight in the middle, one bend at either end
+        return np.where((share > 0.05) & (share < 0.15) | (share > 0.85) & (share < 0.95), 1 / bend_radius, 0.0)
     if shape == "catenary":
         return bend_radius / (bend_radius**2 + (arc - 0.5 * length) ** 2)
     return np.zeros_like(arc)

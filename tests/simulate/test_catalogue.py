@@ -17,13 +17,21 @@ def test_two_cables_by_hand():
     assert (cables[630].sheath_mm, cables[630].diameter_mm) == (2.4, 45.6)
 
 
+def test_another_voltage_by_hand():
+    cables = {cable.size_mm2: cable for cable in catalogue("3.6/6")}
+    # 300 mm2: 19.5 + 2 x 2.8 + 3.0 + 0.5 = 28.6; 0.035 x 28.6 + 1.0 = 2.001 -> 2.0; 28.6 + 4.0
+    assert (cables[300].insulation_mm, cables[300].diameter_mm) == (2.8, 32.6)
+    assert all("IEC 60502-2" in cable.source for cable in cables.values())
+    assert all("wires" in cable.source for cable in catalogue(armoured=True))
+
+
 def test_sizes_grow_and_are_named_apart():
-    for voltage, count in {"6/10": 13, "8.7/15": 13, "12/20": 12, "18/30": 11}.items():
+    for voltage, count in {"3.6/6": 13, "6/10": 13, "8.7/15": 13, "12/20": 12, "18/30": 11}.items():
         cables = catalogue(voltage)
         assert len(cables) == len({cable.name for cable in cables}) == count
         steps = np.diff([cable.diameter_mm for cable in cables])
         assert steps.min() > 1.0
-        assert steps.max() < 3.6
+        assert steps.max() < 3.8
 
 
 def test_armoured_cable_by_hand():
@@ -98,5 +106,5 @@ def test_probability_refuses(arguments, word):
 
 
 def test_unknown_voltage():
-    with pytest.raises(ValueError, match=r"voltage: expected one of 6/10.*got '1/3'"):
+    with pytest.raises(ValueError, match=r"voltage: expected one of 3.6/6.*got '1/3'"):
         catalogue("1/3")

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from cablejax.simulate import Part, add_noise, catalogue, simulate_scan
+from cablejax.simulate import Part, add_noise, catalogue, noise_mm, simulate_scan
 
 CABLE = catalogue()[8]
 N = 4000
@@ -89,6 +89,10 @@ def test_noise_has_the_stated_power(kind):
     snr = 10 * np.log10(signal / np.mean(np.sum(step**2, axis=1)))
     # 5 % of 4,000 points carry the impulses: 200 of them know the power to about 5 %, 0.2 dB; allowed 4 times that
     assert snr == pytest.approx(40.0, abs=0.8 if kind != "gaussian" else 0.15)
+    if kind == "random":  # uniform within the reach that gives the power: 600 draws come near its end, and none beyond
+        reach = np.sqrt(3 / 0.05) * float(noise_mm(clean.xyz_mm, 40.0))
+        assert 0.97 * reach < np.abs(step).max() <= reach + 1e-4
+        assert np.abs(step[step != 0]).mean() == pytest.approx(reach / 2, rel=0.1)
     moved = np.any(step != 0, axis=1)
     expected = {"gaussian": 1.0, "random": 0.05, "compound": 1.0}[kind]
     assert moved.mean() == pytest.approx(expected, abs=0.02)

@@ -1,17 +1,35 @@
 """Scenes: every name builds, clutter has exact distances and its labels, and stations know their poses."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from cablejax.simulate import SCENES, Part, catalogue, make_scene, make_tube, simulate_scan, tray, trefoil
-from cablejax.simulate.clutter import box
+from cablejax.simulate import (
+    PRESETS,
+    SCENES,
+    Part,
+    bare,
+    catalogue,
+    make_scene,
+    make_tube,
+    neighbours,
+    scan_scene,
+    simulate_scan,
+    station_points,
+    tray,
+    trefoil,
+)  # fmt: skip
+from cablejax.simulate.clutter import Plane, box
 
 distances = jax.jit(lambda solid, xyz: jax.vmap(solid.signed_distance)(xyz))
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize(
+    "name", [*SCENES, "s-bend+corrugated+tray", "bend+joint", "s-bend+termination", "bend+clamp+wall"]
+)
 def test_every_scene_builds_around_a_cable_that_its_outline_bounds(name):
     scene = make_scene(name, diameter_mm=30.0, length_mm=300.0)
     arc, angle = jnp.linspace(0, 300, 50), jnp.linspace(-3, 3, 50)
@@ -38,13 +56,58 @@ def test_box_distance_against_the_nearest_of_many_surface_points():
     assert (expected < 0).sum() > 3
 
 
-def test_trefoil_cables_touch():
-    cable = make_tube("straight", diameter_mm=30.0, length_mm=100.0)
-    shifts = [np.zeros(3), *(np.asarray(solid.shift_mm) for solid in trefoil(cable).solids)]
-    gaps = [np.linalg.norm(shifts[i] - shifts[j]) for i, j in ((0, 1), (0, 2), (1, 2))]
-    assert gaps == pytest.approx([30.0, 30.0, 30.0], abs=1e-4)
-    with pytest.raises(ValueError, match="cable: expected a straight one for a trefoil"):
-        trefoil(make_tube("bend", diameter_mm=30.0, length_mm=100.0))
+@pytest.mark.parametrize("line", ["straight", "s-bend"])
+def test_trefoil_cables_touch_all_along(line):
+    scene = make_scene(f"{line}+trefoil", diameter_mm=30.0, length_mm=300.0)
+    upper = scene.cable
+    one, two = scene.solids
+    axis = jax.jit(lambda tube, arc: jax.vmap(lambda s: jnp.append(tube.centreline.at(s)[0], 0.0))(arc))
+    arc = jnp.linspace(10.0, 290.0, 40)
+    for solid in (one, two):
+        on_axis = axis(solid.tube, arc) + solid.shift_mm[None, :]
+        # from axis to sheath of a touching cable: its radius; coordinates of 150 mm are known to 1.5e-5 mm
+        assert np.allclose(distances(upper, on_axis), 15.0, atol=1e-4)
+    assert np.allclose(distances(two, axis(one.tube, arc) + one.shift_mm[None, :]), 15.0, atol=1e-4)
+
+
+def test_neighbours_of_what_has_no_parallels_are_refused():
+    with pytest.raises(ValueError, match="cable: expected a straight or bent one"):
+        trefoil(make_tube("catenary", diameter_mm=30.0, length_mm=100.0))
+    tight = make_tube("bend", diameter_mm=30.0, length_mm=100.0, bend_radius_mm=60.0)
+    with pytest.raises(ValueError, match=r"offsets_mm: expected less than the bend radius, got 50\.0 across"):
+        neighbours(tight, [(50.0, 0.0)])
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("bend+knot", "got 'knot'"),
+        ("bend+straight", "at most one line of straight, .*, got bend and straight"),
+        ("oval+joint", "at most one sheath or accessory of .*, got oval and joint"),
+        ("wall+tray", "at most one surrounding of .*, got wall and tray"),
+        ("catenary+joint", "hangs in a catenary"),
+    ],
+)
+def test_names_that_do_not_go_together(name, words):
+    with pytest.raises(ValueError, match=words):
+        make_scene(name, diameter_mm=30.0, length_mm=400.0)
+
+
+def test_a_tray_is_as_wide_as_a_bent_cable_needs():
+    scene = make_scene("bend+tray", diameter_mm=30.0, length_mm=900.0)
+    arc = jnp.linspace(0.0, 900.0, 60)
+    middle = jax.vmap(lambda s: jnp.append(scene.cable.centreline.at(s)[0], 0.0))(arc)
+    assert float(jnp.abs(middle[:, 1]).max()) > 75  # wider than the usual tray
+    for side in scene.solids[1:]:
+        assert float(distances(side, middle).min()) > 15.0
+
+
+def test_a_wall_in_any_direction():
+    toward = np.array([0.0, 0.6, -0.8])
+    solid = Plane(jnp.asarray(toward, jnp.float32), jnp.float32(-30.0), jnp.int32(Part.WALL))
+    xyz = np.random.default_rng(0).uniform(-90, 90, (50, 3))
+    assert np.allclose(distances(solid, jnp.asarray(xyz, jnp.float32)), xyz @ toward + 30.0, atol=2e-5)
+    assert np.allclose(solid.near(jnp.zeros(3))[1], toward)
 
 
 def test_parts_are_labelled_by_what_was_met():
@@ -72,6 +135,25 @@ def test_stations_look_at_the_cable_from_their_standoff():
     assert np.allclose(np.linalg.det(rotation), 1, atol=1e-6)
     # the middle of the cable is the frame's origin: straight ahead, at the standoff of 300 mm
     assert np.allclose(-origin / 300.0, rotation[:, :, 2], atol=1e-5)
+
+
+def test_what_a_station_measured_lies_on_the_cable_by_its_true_pose():
+    tube = make_tube("bend", diameter_mm=30.0, length_mm=300.0)
+    device = dataclasses.replace(PRESETS["ideal"], registration_mm=0.5, resweep_share=0.3)
+    scan = scan_scene(bare(tube), device=device, n_points=4000, key=jax.random.key(1))
+    assert float(jnp.abs(scan.signed_distance_mm[~scan.is_outlier]).max()) > 0.2
+    seen = 0
+    for station in range(3):
+        pose = scan.T_cable_station[station]
+        points = station_points(scan, station) @ pose[:3, :3].T + pose[None, :3, 3]
+        # coordinates of up to 350 mm in the station's frame are known to 3e-5 mm, and turned twice
+        assert float(jnp.abs(distances(tube, points)).max()) < 3e-4
+        assert float(station_points(scan, station)[:, 2].min()) > 250  # in front of the station
+        seen += len(points)
+    assert seen == int((~scan.is_outlier).sum())
+    assert bool((scan.sweep == 1).any())
+    with pytest.raises(ValueError, match="station: expected 0 to 2, got 3"):
+        station_points(scan, 3)
 
 
 def test_refuses():

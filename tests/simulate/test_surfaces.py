@@ -7,8 +7,18 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from cablejax.simulate import bare, locate, make_profiled, make_tube, with_joint, with_termination
+from cablejax.simulate import (
+    bare,
+    catalogue,
+    locate,
+    make_profiled,
+    make_tube,
+    simulate_scan,
+    with_joint,
+    with_termination,
+)
 from cablejax.simulate.beams import Beam, aim, cast
+from cablejax.simulate.shapes import straight_run
 from tests.reference.simulate import centreline, fit_circle, mesh
 
 RADIUS, LENGTH, BEND = 15.0, 120.0, 120.0
@@ -42,21 +52,31 @@ def build(name):
             make_tube("bend", diameter_mm=2 * RADIUS, length_mm=LENGTH, bend_radius_mm=BEND), **PROFILE
         )
         return tube, mesh(*centreline("bend", length=LENGTH, bend_radius=BEND, step=STEP), profile_radius, turns=TURNS)
-    if name in ("joint", "termination"):
+    if name in ("joint", "termination", "joint in a run"):
         tube = make_tube("straight", diameter_mm=2 * RADIUS, length_mm=LENGTH)
+        if name == "joint in a run":
+            tube = straight_run(
+                make_tube("bend", diameter_mm=2 * RADIUS, length_mm=LENGTH, bend_radius_mm=BEND),
+                0.15 * LENGTH,
+                0.85 * LENGTH,
+            )
         made = (
             with_joint(tube, radius_mm=25.0, length_mm=50.0, taper_mm=0.0)
-            if name == "joint"
+            if name != "termination"
             else with_termination(tube, core_mm=10.0, shed_mm=28.0, sheds=2)
         )
         corners, rho = (np.asarray(x, np.float64) for x in (made.arc_mm, made.rho_mm))
-        extra = np.setdiff1d(np.arange(0.0, LENGTH + 1, 2.0), corners)  # long thin triangles cost Open3D its digits
+        # long thin triangles cost Open3D its digits
+        line = centreline("run" if "run" in name else "straight", length=LENGTH, bend_radius=BEND, step=0.5)
+        extra = np.setdiff1d(line[0], corners)
         arc = np.concatenate([corners, extra])
         order = np.argsort(arc, kind="stable")
         rho = np.concatenate([rho, np.interp(extra, corners, rho)])[order]
         arc = arc[order]
-        points = np.column_stack([arc - 0.5 * LENGTH, 0 * arc])
-        return made, mesh(arc, points, 0 * arc, lambda arc, angle: rho[:, None] + 0 * angle, turns=TURNS)
+        # between the grid's places the line is straight wherever there is a corner
+        points = np.column_stack([np.interp(arc, line[0], line[1][:, axis]) for axis in (0, 1)])
+        heading = np.interp(arc, line[0], line[2])
+        return made, mesh(arc, points, heading, lambda arc, angle: rho[:, None] + 0 * angle, turns=TURNS)
     tube = make_tube(name, diameter_mm=2 * RADIUS, length_mm=LENGTH, bend_radius_mm=BEND)
     arrays = centreline(name, length=LENGTH, bend_radius=BEND, step=STEP)
     return tube, mesh(*arrays, lambda arc, angle: RADIUS + 0 * arc * angle, turns=TURNS)
@@ -75,7 +95,9 @@ cast_many = jax.jit(jax.vmap(cast, in_axes=(None, 0)))
 aim_many = jax.jit(jax.vmap(aim, in_axes=(None, 0, 0, 0, 0, None, None)))
 
 
-@pytest.mark.parametrize("name", ["straight", "bend", "s-bend", "catenary", "profiled", "joint", "termination"])
+@pytest.mark.parametrize(
+    "name", ["straight", "bend", "s-bend", "catenary", "profiled", "joint", "termination", "joint in a run"]
+)
 def test_against_a_dense_mesh(open3d, name):
     surface, arrays = build(name)
     scene = raycaster(open3d, *arrays)
@@ -89,7 +111,11 @@ def test_against_a_dense_mesh(open3d, name):
     distance = scene.compute_distance(open3d.core.Tensor(np.asarray(points))).numpy()
     assert np.abs(np.abs(place.signed_distance_mm) - distance).max() < MESH_MM
     foot = points - place.signed_distance_mm[:, None] * place.normal
-    smooth = name not in ("joint", "termination")  # at an edge the nearest point is not below along a face's normal
+    smooth = name not in (
+        "joint",
+        "termination",
+        "joint in a run",
+    )  # at an edge the nearest point is not below along a face's normal
     assert float(jnp.abs(locate(surface, foot).signed_distance_mm).max()) < 1e-4 or not smooth
     assert np.abs(np.linalg.norm(place.normal, axis=1) - 1).max() < 1e-5
 
@@ -142,6 +168,18 @@ def test_noise_free_section_gives_the_diameter(diameter):
     assert 2 * radius == pytest.approx(diameter, abs=1e-4)
 
 
+def test_robust_circle_fit_of_an_ideal_scan_with_outliers():
+    cable = catalogue()[8]
+    scan = simulate_scan(cable, n_points=4000, preset="ideal", outlier_fraction=0.1, key=jax.random.key(2))
+    points = np.asarray(scan.xyz_mm, np.float64)[:, 1:]
+    for _ in range(12):  # trimmed at three times the median residual of the last round
+        centre, radius = fit_circle(points)
+        residual = np.abs(np.linalg.norm(points - centre, axis=1) - radius)
+        points = points[residual <= max(3 * np.median(residual), 1e-4)]
+    assert len(points) > 3500
+    assert 2 * radius == pytest.approx(cable.diameter_mm, abs=1e-4)
+
+
 @pytest.mark.parametrize(
     ("options", "word"),
     [
@@ -157,5 +195,5 @@ def test_profile_refuses(options, word):
 
 
 def test_accessories_need_a_straight_cable():
-    with pytest.raises(ValueError, match="tube: expected a straight cable"):
+    with pytest.raises(ValueError, match="tube: expected a cable that is straight from 64 to 136 mm"):
         with_joint(make_tube("bend", diameter_mm=30.0, length_mm=200.0), radius_mm=20.0, length_mm=50.0)
