@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from cablejax.ops.neighbors import knn, radius_count
+from cablejax.ops.neighbors import KnnResult, knn, radius_count
 from cablejax.types import PointCloud, Status
 
 
@@ -28,7 +28,13 @@ class OutlierResult(NamedTuple):
 
 
 @partial(jax.jit, static_argnames=("k",))
-def statistical_outliers(cloud: PointCloud, *, k: int = 20, std_ratio: float | Float[Array, ""] = 2.0) -> OutlierResult:
+def statistical_outliers(
+    cloud: PointCloud,
+    *,
+    k: int = 20,
+    std_ratio: float | Float[Array, ""] = 2.0,
+    found: KnnResult | None = None,
+) -> OutlierResult:
     """Drop points whose mean neighbour distance exceeds the cloud's mean by `std_ratio` standard deviations.
 
     Section II.C of Su et al. (2025), steps 1 to 4. Equal to Open3D's `remove_statistical_outlier`, which counts the
@@ -39,16 +45,17 @@ def statistical_outliers(cloud: PointCloud, *, k: int = 20, std_ratio: float | F
         cloud: Points `[n, 3]`, any unit, with validity `[n]`.
         k: Neighbours per point, the point itself counted, as in Open3D. Static.
         std_ratio: Standard deviations above the mean at which a point is dropped.
+        found: `knn(cloud.xyz, k=m, mask=cloud.mask)` for any m of at least k - 1, where that is at hand; searched if None.
 
     Returns:
         Points to keep, their mean neighbour distance, the threshold in the cloud's unit, and status.
 
     Raises:
-        ValueError: If `k` is below 2.
+        ValueError: If `k` is below 2, or `found` is not the neighbours of these points or has fewer than k - 1.
     """
     if k < 2:
         raise ValueError(f"k: expected at least 2 (the point itself counts), got {k}")
-    found = knn(cloud.xyz, k=k - 1, mask=cloud.mask)
+    found = knn(cloud.xyz, k=k - 1, mask=cloud.mask) if found is None else _first(found, cloud, k - 1)
     near = jnp.isfinite(found.sq_dist)
     distance = jnp.sqrt(jnp.where(near, found.sq_dist, 0.0))
     score = distance.sum(axis=1) / (near.sum(axis=1) + 1)
@@ -110,6 +117,16 @@ def median_outliers(cloud: PointCloud, *, k: int = 20, ratio: float | Float[Arra
     typical = jnp.nanmedian(jnp.where(valid, score, jnp.nan))
     threshold = ratio * jnp.where(valid.any(), typical, 0.0)
     return OutlierResult(valid & (score <= threshold), score, threshold, _status(cloud, found.status))
+
+
+def _first(found: KnnResult, cloud: PointCloud, k: int) -> KnnResult:
+    """The first k neighbours of a search made elsewhere, with the status they have on their own."""
+    n, m = found.sq_dist.shape
+    if n != cloud.xyz.shape[0] or m < k:
+        raise ValueError(f"found: expected neighbours [{cloud.xyz.shape[0]}, at least {k}], got {[n, m]}")
+    few = _finite(cloud) & ~jnp.isfinite(found.sq_dist[:, k - 1])
+    status = (found.status & ~int(Status.TOO_FEW_NEIGHBORS)) | few * int(Status.TOO_FEW_NEIGHBORS)
+    return KnnResult(found.neighbors[:, :k], found.sq_dist[:, :k], status.astype(jnp.int32))
 
 
 def _finite(cloud: PointCloud) -> Array:

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from cablejax.ops import median_outliers, radius_outliers, statistical_outliers
+from cablejax.ops import knn, median_outliers, radius_outliers, statistical_outliers
 from cablejax.types import PointCloud, Status
 
 N = 1200
@@ -51,6 +51,17 @@ def test_radius_removal_equals_open3d(open3d_cloud, radius, min_neighbors):
     _, kept = open3d_cloud(scan()).remove_radius_outlier(min_neighbors, radius)
     result = radius_outliers(PointCloud.from_xyz(scan()), radius=radius, min_neighbors=min_neighbors)
     np.testing.assert_array_equal(np.flatnonzero(result.keep), sorted(kept))
+
+
+@pytest.mark.parametrize("n", [N, 5])  # five points have fewer neighbours than the search asked for
+def test_a_search_made_elsewhere_gives_the_same(n):
+    cloud = PointCloud.from_xyz(scan()[:n])
+    found = knn(cloud.xyz, k=12, mask=cloud.mask)
+    for k in (4, 8):
+        shared, alone = statistical_outliers(cloud, k=k, found=found), statistical_outliers(cloud, k=k)
+        np.testing.assert_array_equal(shared.keep, alone.keep)
+        np.testing.assert_allclose(shared.score, alone.score, rtol=1e-6)  # sums of k roots in another order
+        assert int(shared.status) == int(alone.status)
 
 
 def test_median_removal_equals_numpy():
@@ -108,5 +119,8 @@ def test_empty_cloud_keeps_nothing_and_says_so(name):
 def test_bad_arguments_are_named():
     with pytest.raises(ValueError, match="k: expected at least 2"):
         statistical_outliers(PointCloud.from_xyz(scan()), k=1)
+    cloud = PointCloud.from_xyz(scan())
+    with pytest.raises(ValueError, match=r"found: expected neighbours \[1200, at least 19\], got \[1200, 9\]"):
+        statistical_outliers(cloud, k=20, found=knn(cloud.xyz, k=9))
     with pytest.raises(ValueError, match="k: expected at least 1, got 0"):
         median_outliers(PointCloud.from_xyz(scan()), k=0)
