@@ -3,6 +3,7 @@
 Neighbours (`knn`, `radius_search`, `radius_count`), local moments, outlier removal and the adaptive filter.
 """
 
+from cablejax.ops.cleaning import CleanResult, clean
 from cablejax.ops.edges import (
     AttentionWeights,
     channel_attention,
@@ -28,6 +29,7 @@ from cablejax.ops.rigid import invert, kabsch, se3_exp, se3_log, transform
 
 __all__ = [
     "AttentionWeights",
+    "CleanResult",
     "CylinderFrame",
     "FilterResult",
     "KnnResult",
@@ -36,6 +38,7 @@ __all__ = [
     "RadiusResult",
     "adaptive_filter",
     "channel_attention",
+    "clean",
     "cylinder_frame",
     "cylinder_raster",
     "edge_conv",

@@ -13,7 +13,7 @@ from jax import lax
 from jaxtyping import Array, Float, Int
 
 from cablejax.ops.slots import gather
-from cablejax.ops.surface_fit import TINY, Frame, SurfaceFit, fit_frame, fit_heights, residual
+from cablejax.ops.surface_fit import TINY, Frame, fit_frame, fit_heights, residual
 
 PILOT = 2048  # points whose neighbours predict them
 SHARES = tuple(0.2 * 1.25**i for i in range(12))  # widths tried, per local noise of eq. (3): 0.2 to 2.3
@@ -95,8 +95,14 @@ def choose_alpha(trial: Trial) -> Float[Array, ""]:
     loss = jnp.where(used, trial.loss, jnp.nan)
     # One point in a hundred may be as far off as it likes: an edge, a stray.
     cap = jnp.nanquantile(loss, 0.99, axis=1, keepdims=True)
-    mean = jnp.nanmean(jnp.minimum(loss, cap), axis=1)
+    loss = jnp.minimum(loss, cap)
     any_used = used.any()
+    mean = jnp.nanmean(loss, axis=1)
+    least = jnp.argmin(jnp.where(jnp.isfinite(mean), mean, jnp.inf))
+    # Where wide kernels predict as well as can be told, the widest of them: it leaves the least noise.
+    beyond = loss - lax.dynamic_index_in_dim(loss, least)
+    doubt = jnp.nanstd(beyond, axis=1) / jnp.sqrt(jnp.maximum(used.any(axis=0).sum(), 1))
+    mean = mean - jnp.where(jnp.arange(len(SHARES)) > least, doubt, 0.0)
     mean = jnp.where(jnp.isfinite(mean), mean, jnp.inf)
     best = jnp.clip(jnp.argmin(mean), 1, len(SHARES) - 2)
     left, middle, right = (lax.dynamic_index_in_dim(mean, best + i, keepdims=False) for i in (-1, 0, 1))

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float, Int
 
-from cablejax.ops.filter_width import Trial, choose_alpha, pilot_step, try_widths
+from cablejax.ops.filter_width import BAND, Trial, choose_alpha, pilot_step, try_widths
 from cablejax.ops.neighbors import KnnResult, knn
 from cablejax.ops.slots import gather, sum_over_slots
 from cablejax.ops.surface_fit import TINY, SurfaceFit, fit_surface
@@ -231,14 +231,23 @@ def _onto_surface(around: _Around, edge, width: Array, crowding, order: int, ref
     move = fit.height[None] * fit.normal
     for _ in range(refinements):
         place = around.xyz + move
-        fit = _fit(around, place, fit.normal, edge, width, order)
+        fit = _fit(around, place, fit.normal, _trusted(edge, move, fit.noise), width, order)
         move = move + fit.height[None] * fit.normal
     if order == 2 and not (isinstance(crowding, int | float) and crowding == 0):
         move = move - crowding * _depth(around, fit)
     return move
 
 
-def _fit(around: _Around, place: Array, normal: Array | None, edge: Array | None, width: Array, order: int) -> SurfaceFit:
+def _trusted(edge: Array | None, move: Array, noise: Array) -> Array:
+    """Weight of each point, less where it lies farther from its own surface than noise explains: a mixed pixel, a stray."""
+    beyond = jnp.square(move).sum(axis=0) / jnp.maximum(jnp.square(BAND * noise), TINY)
+    trust = jnp.exp(-0.5 * beyond)
+    return trust if edge is None else edge * trust
+
+
+def _fit(
+    around: _Around, place: Array, normal: Array | None, edge: Array | None, width: Array, order: int
+) -> SurfaceFit:
     """Surfaces through the measured points about given places, weighted by distance between places and normals."""
     at = place if normal is None else jnp.concatenate([place, normal])
 

@@ -147,7 +147,14 @@ def least_axis(covariance: Float[Array, "6 m"]) -> tuple[Float[Array, "3 m"], Fl
     trace = jnp.maximum(covariance[:3].sum(axis=0), TINY)
     xx, yy, zz, xy, yz, zx = covariance / trace[None] + jnp.asarray([RIDGE] * 3 + [0.0] * 3)[:, None]
     power = jnp.stack(
-        [yy * zz - yz * yz, zz * xx - zx * zx, xx * yy - xy * xy, yz * zx - xy * zz, zx * xy - yz * xx, xy * yz - zx * yy]
+        [
+            yy * zz - yz * yz,
+            zz * xx - zx * zx,
+            xx * yy - xy * xy,
+            yz * zx - xy * zz,
+            zx * xy - yz * xx,
+            xy * yz - zx * yy,
+        ]
     )
     for _ in range(9):
         xx, yy, zz, xy, yz, zx = power / jnp.maximum(power[:3].sum(axis=0), TINY)[None]
