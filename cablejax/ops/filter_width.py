@@ -13,7 +13,7 @@ from jax import lax
 from jaxtyping import Array, Float, Int
 
 from cablejax.ops.slots import gather
-from cablejax.ops.surface_fit import TINY, Frame, fit_frame, fit_heights, residual
+from cablejax.ops.surface_fit import TINY, fit_frame, fit_heights, residual
 
 PILOT = 2048  # points whose neighbours predict them
 SHARES = tuple(0.2 * 1.25**i for i in range(12))  # widths tried, per local noise of eq. (3): 0.2 to 2.3
@@ -41,23 +41,25 @@ def pilot_step(n: int) -> int:
 
 
 def try_widths(
-    xyz: Float[Array, "3 n"], neighbors: Int[Array, "k n"], local: Float[Array, " n"], *, order: int, step: int
+    xyz: Float[Array, "3 n"],
+    centre: Float[Array, "3 m"],
+    neighbors: Int[Array, "k m"],
+    local: Float[Array, " m"],
+    *,
+    order: int,
 ) -> Trial:
-    """Predict every `step`-th point of a cloud from its neighbours with each of the widths.
+    """Predict some points of a cloud from their neighbours with each of the widths.
 
     Args:
         xyz: Coordinates `[3, n]`.
-        neighbors: Rows of each point's neighbours `[k, n]`, itself first, -1 where there is none.
-        local: Local noise of eq. (3) `[n]`, 0 where there is no point.
+        centre: The points to predict `[3, m]`, their rows first in `neighbors`.
+        neighbors: Rows of each one's neighbours `[k, m]`, -1 where there is none.
+        local: Local noise of eq. (3) `[m]`, 0 where there is no point.
         order: 1 for planes, 2 for quadrics. Static.
-        step: Static.
     """
-    shares = jnp.asarray(SHARES, dtype=xyz.dtype)
-    few, local = neighbors[:, ::step], local[::step]
-    count = len(SHARES)
-    centre = jnp.tile(xyz[:, ::step], (1, count))
+    shares, count = jnp.asarray(SHARES, dtype=xyz.dtype), len(SHARES)
     width = (shares[:, None] * local[None]).reshape(-1)
-    loss, noise = _predict(xyz, jnp.tile(few, (1, count)), centre, width, order)
+    loss, noise = _predict(xyz, jnp.tile(neighbors, (1, count)), jnp.tile(centre, (1, count)), width, order)
     return Trial(loss.reshape(count, -1), noise.reshape(count, -1), local)
 
 
@@ -71,14 +73,15 @@ def _predict(xyz: Array, neighbors: Array, centre: Array, width: Array, order: i
 
     frame = fit_frame(in_space, neighbors)
     pilot = fit_heights(in_space, neighbors, frame, order=order)
+    off_surface = residual(pilot)
     band = 0.5 / jnp.square(BAND * jnp.maximum(pilot.noise, TINY**0.25))
 
     def in_plane(rows: Array, near: Array) -> tuple[Array, Array]:
         offset = gather(xyz, rows) - centre
-        off, sq_dist = residual(pilot, offset)
+        off, sq_dist = off_surface(offset)
         return jnp.where(near, jnp.exp(-sq_dist * scale - jnp.square(off) * band), 0.0), offset
 
-    fit = fit_heights(in_plane, neighbors, Frame(*frame), order=order)
+    fit = fit_heights(in_plane, neighbors, frame, order=order)
     # The own weight falls with the own residual alone; without its share, the height is what the others predict.
     own = jnp.exp(-jnp.square(pilot.height) * band)
     return jnp.square(fit.height / jnp.maximum(1.0 - own * fit.leverage, 0.05)), pilot.noise

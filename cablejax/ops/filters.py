@@ -6,7 +6,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from cablejax.ops.filter_width import BAND, Trial, choose_alpha, pilot_step, try_widths
 from cablejax.ops.neighbors import KnnResult, knn
@@ -131,22 +131,30 @@ def _check(cloud: PointCloud, *, k, order, form, iterations, refinements, found)
         raise ValueError(f"found: expected {cloud.xyz.shape[0]} rows, got {found.neighbors.shape[0]}")
 
 
-@partial(jax.jit, static_argnames=("k", "order", "step"))
-def width_trial(cloud: PointCloud, *, k: int, order: int, step: int, found: KnnResult | None = None) -> Trial:
-    """What the estimate of `alpha` rests on, for every `step`-th row of a cloud; `choose_alpha` makes one number of it.
+@partial(jax.jit, static_argnames=("k", "order"))
+def width_trial(cloud: PointCloud, keep: Bool[Array, " n"], rows: Int[Array, " m"], *, k: int, order: int) -> Trial:
+    """What the estimate of `alpha` rests on, for some rows of a cloud; `choose_alpha` makes one number of it.
 
-    For clouds that come in parts: the trials of all parts side by side are the trial of the whole.
+    For clouds that come in parts: the trials of all parts side by side are the trial of the whole, if together they hold
+    every `pilot_step(n)`-th row.
 
     Args:
         cloud: Points `[n, 3]`, any unit, with validity `[n]`.
+        keep: Which of them are no outliers `[n]`: the neighbours are the kept ones among the k nearest of all.
+        rows: Which to predict `[m]`; -1 for none.
         k: Neighbours per point. Static.
         order: 1 or 2. Static.
-        step: Static.
-        found: As for `adaptive_filter`.
     """
-    around, _ = _around(cloud, found, k)
-    local = _local_noise(around)
-    return try_widths(around.xyz, around.neighbors, jnp.where(around.valid, local, 0.0), order=order, step=step)
+    at = jnp.maximum(rows, 0)
+    search = knn(cloud.xyz, k=k + 1, queries=cloud.xyz[at], mask=cloud.mask)
+    near = search.neighbors.T
+    used = (rows >= 0) & keep[at]
+    near = jnp.where((near >= 0) & (near != rows[None]) & used[None] & keep[jnp.maximum(near, 0)], near, -1)
+    neighbors = jnp.concatenate([jnp.where(used, rows, -1)[None], near])
+    xyz = jnp.where(cloud.mask[:, None] & jnp.isfinite(cloud.xyz), cloud.xyz, 0.0).T
+    centre = xyz[:, at]
+    local = _local_noise(xyz, centre, neighbors)
+    return try_widths(xyz, centre, neighbors, jnp.where(used, local, 0.0), order=order)
 
 
 def _around(cloud: PointCloud, found: KnnResult | None, k: int) -> tuple[_Around, Array]:
@@ -169,7 +177,7 @@ def _around(cloud: PointCloud, found: KnnResult | None, k: int) -> tuple[_Around
 def _once(cloud: PointCloud, found, settings: _Settings, *, k: int, order: int, form: str, refinements: int):
     """One application of the filter."""
     around, status = _around(cloud, found, k)
-    noise = _local_noise(around)
+    noise = _local_noise(around.xyz, around.xyz, around.neighbors)
     plain = isinstance(settings.gamma, int | float) and settings.gamma == 0
     edge = None if plain else _edge_weight(around, settings)
     alpha = settings.alpha
@@ -185,14 +193,14 @@ def _once(cloud: PointCloud, found, settings: _Settings, *, k: int, order: int, 
     return FilterResult(xyz, jnp.where(moved, width, 0.0), status)
 
 
-def _local_noise(around: _Around) -> Float[Array, " n"]:
-    """Root of the summed variances of a neighbourhood's coordinates, eqs. (2) and (3)."""
+def _local_noise(xyz: Float[Array, "3 n"], centre: Float[Array, "3 m"], neighbors: Int[Array, "k m"]) -> Array:
+    """Root of the summed variances of each neighbourhood's coordinates `[m]`, eqs. (2) and (3)."""
 
     def sums(rows: Array, near: Array) -> tuple[Array, Array, Array]:
-        offset = jnp.where(near[None], gather(around.xyz, rows) - around.xyz, 0.0)
+        offset = jnp.where(near[None], gather(xyz, rows) - centre, 0.0)
         return near.astype(offset.dtype), offset, jnp.square(offset).sum(axis=0)
 
-    count, first, square = sum_over_slots(around.neighbors, sums)
+    count, first, square = sum_over_slots(neighbors, sums)
     count = jnp.maximum(count, 1.0)
     variance = square / count - jnp.square(first / count[None]).sum(axis=0)
     positive = variance > 0
@@ -201,8 +209,9 @@ def _local_noise(around: _Around) -> Float[Array, " n"]:
 
 
 def _estimate_alpha(around: _Around, noise: Array, order: int) -> Array:
-    xyz, noise = lax.stop_gradient((around.xyz, jnp.where(around.valid, noise, 0.0)))
-    return choose_alpha(try_widths(xyz, around.neighbors, noise, order=order, step=pilot_step(noise.shape[0])))
+    step = pilot_step(noise.shape[0])
+    xyz, local = lax.stop_gradient((around.xyz, jnp.where(around.valid, noise, 0.0)[::step]))
+    return choose_alpha(try_widths(xyz, xyz[:, ::step], around.neighbors[:, ::step], local, order=order))
 
 
 def _kernel(sq_dist: Array, near: Array, width: Array) -> Array:

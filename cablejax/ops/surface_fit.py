@@ -119,13 +119,17 @@ def fit_heights(sample: Sample, neighbors: Int[Array, "k m"], frame: Frame, *, o
     )  # fmt: skip
 
 
-def residual(fit: SurfaceFit, offset: Float[Array, "3 m"]) -> tuple[Array, Array]:
-    """Height of points above their surface `[m]`, and their squared distance from the centre in the tangent plane."""
+def residual(fit: SurfaceFit) -> Callable[[Float[Array, "3 m"]], tuple[Array, Array]]:
+    """From points to their height above their surface `[m]` and squared distance from the centre in the tangent plane."""
     first, second = tangents(fit.normal)
-    u, v = along(first, offset) / fit.size, along(second, offset) / fit.size
-    basis = monomials(u, v)[: fit.coefficients.shape[0]]
-    surface = sum(c * t for c, t in zip(fit.coefficients, basis, strict=True)) * fit.size
-    return along(fit.normal, offset) - surface, (u * u + v * v) * jnp.square(fit.size)
+
+    def above(offset: Float[Array, "3 m"]) -> tuple[Array, Array]:
+        u, v = along(first, offset) / fit.size, along(second, offset) / fit.size
+        basis = monomials(u, v)[: fit.coefficients.shape[0]]
+        surface = sum(c * t for c, t in zip(fit.coefficients, basis, strict=True)) * fit.size
+        return along(fit.normal, offset) - surface, (u * u + v * v) * jnp.square(fit.size)
+
+    return above
 
 
 def monomials(u: Array, v: Array) -> list[Array]:
