@@ -18,7 +18,7 @@ def contenders(xyz: np.ndarray, k: int) -> dict[str, Callable[[], Any]]:
     import jax
     import jax.numpy as jnp
 
-    from cablejax.ops import adaptive_filter, statistical_outliers
+    from cablejax.ops import clean, statistical_outliers
     from cablejax.types import PointCloud
 
     cloud = PointCloud(jnp.asarray(xyz), jnp.ones(len(xyz), dtype=bool))
@@ -27,15 +27,14 @@ def contenders(xyz: np.ndarray, k: int) -> dict[str, Callable[[], Any]]:
         return np.asarray(statistical_outliers(cloud, k=k).keep)
 
     def whole(order: int) -> np.ndarray:
-        keep = statistical_outliers(cloud, k=k).keep
-        return np.asarray(jax.block_until_ready(adaptive_filter(cloud._replace(mask=keep), k=k, order=order).xyz))
+        return np.asarray(jax.block_until_ready(clean(cloud, removal_k=k, k=k, order=order).xyz))
 
     open3d = open3d_module()
     theirs = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(xyz.astype(np.float64)))
     return {
+        "removal + order 0": lambda: whole(0),
         "statistical removal": removal,
         "open3d statistical": lambda: theirs.remove_statistical_outlier(k, 2.0)[1],
-        "removal + order 0": lambda: whole(0),
         "removal + order 2": lambda: whole(2),
     }
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
-from cablejax.ops import OutlierResult, adaptive_filter, median_outliers, radius_outliers, statistical_outliers
+from cablejax.ops import OutlierResult, clean, median_outliers, radius_outliers, statistical_outliers
 from cablejax.types import PointCloud
 from experiments.schema import (
     AdaptiveFilterConfig,
@@ -32,23 +32,26 @@ def _only_removal(remove: Callable[[PointCloud], OutlierResult]) -> Cleaner:
 
 
 def _adaptive(config: AdaptiveFilterConfig) -> Cleaner:
-    def clean(cloud: PointCloud) -> PointCloud:
-        kept = statistical_outliers(cloud, k=config.k, std_ratio=config.std_ratio).keep
-        inliers = PointCloud(cloud.xyz, kept)
-        smooth = adaptive_filter(
-            inliers,
-            k=config.smooth_k,
+    default_k = 40 if config.order == 0 else 100
+
+    def run(cloud: PointCloud) -> PointCloud:
+        # A weight that is off is left out, not multiplied by one.
+        edges = {} if config.gamma == 0 else {"gamma": config.gamma, "tau": config.tau}
+        result = clean(
+            cloud,
+            removal_k=config.k,
+            std_ratio=config.std_ratio,
+            k=config.smooth_k or default_k,
             alpha=config.alpha,
             beta=config.beta_mm,
-            gamma=config.gamma,
-            tau=config.tau,
             order=config.order,
             form=config.form,
             iterations=config.iterations,
+            **edges,
         )
-        return PointCloud(smooth.xyz, kept)
+        return PointCloud(result.xyz, result.keep)
 
-    return clean
+    return run
 
 
 def make_cleaner(config: FilterConfig) -> Cleaner:
@@ -62,27 +65,27 @@ def make_cleaner(config: FilterConfig) -> Cleaner:
     """
     match config:
         case AdaptiveFilterConfig():
-            clean = _adaptive(config)
+            cleaner = _adaptive(config)
         case StatisticalFilterConfig():
-            clean = _only_removal(lambda cloud: statistical_outliers(cloud, k=config.k, std_ratio=config.std_ratio))
+            cleaner = _only_removal(lambda cloud: statistical_outliers(cloud, k=config.k, std_ratio=config.std_ratio))
         case RadiusFilterConfig():
-            clean = _only_removal(
+            cleaner = _only_removal(
                 lambda cloud: radius_outliers(cloud, radius=config.radius_mm, min_neighbors=config.min_neighbors)
             )
         case MedianFilterConfig():
-            clean = _only_removal(lambda cloud: median_outliers(cloud, k=config.k, ratio=config.ratio))
+            cleaner = _only_removal(lambda cloud: median_outliers(cloud, k=config.k, ratio=config.ratio))
         case _:
             raise TypeError(f"filter: expected a known filter's configuration, got {type(config).__name__}")
-    return jax.jit(clean)
+    return jax.jit(cleaner)
 
 
-def timed(clean: Cleaner, cloud: PointCloud, *, repeats: int) -> tuple[PointCloud, Timing]:
+def timed(cleaner: Cleaner, cloud: PointCloud, *, repeats: int) -> tuple[PointCloud, Timing]:
     """Run a filter once to compile it and then `repeats` times on the clock."""
     seconds = []
     result = cloud
     for _ in range(repeats + 1):
         start = time.perf_counter()
-        result = jax.block_until_ready(clean(cloud))
+        result = jax.block_until_ready(cleaner(cloud))
         seconds.append(time.perf_counter() - start)
     warm = float(np.median(seconds[1:]))
     return result, Timing(max(0.0, seconds[0] - warm), warm)

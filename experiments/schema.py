@@ -13,7 +13,7 @@ from experiments import tuning
 
 NOISE_KINDS = ("none", "gaussian", "random", "compound")
 FORMS = ("linear", "exponential")
-PRESETS = ("paper-floor", "structured-light", "line-laser", "terrestrial")
+PRESETS = ("paper-floor", "paper-aligned", "structured-light", "line-laser", "terrestrial")
 VERSIONS = ("clean", "standard", "hard", "real-like")
 SIZES = ("smoke", "quick", "paper")
 
@@ -68,11 +68,14 @@ class MedianFilterConfig(FilterConfig):
 
 @dataclass
 class AdaptiveFilterConfig(FilterConfig):
-    """Equations (2)-(8) behind statistical outlier removal; None estimates a value from the scan."""
+    """Equations (2)-(8) behind statistical outlier removal; None estimates a value from the scan.
+
+    `smooth_k` None is 40 for the paper's mean and 100 for planes and quadrics, which need more points.
+    """
 
     name: str = "adaptive"
     std_ratio: float = 2.0
-    smooth_k: int = 40
+    smooth_k: int | None = None
     order: int = 0
     form: str = "linear"
     iterations: int = 1
@@ -84,7 +87,8 @@ class AdaptiveFilterConfig(FilterConfig):
     def __post_init__(self) -> None:
         super().__post_init__()
         _check(self.std_ratio > 0, "filter.std_ratio", "a positive number of standard deviations", self.std_ratio)
-        _check(1 <= self.smooth_k <= 128, "filter.smooth_k", "between 1 and 128 neighbours", self.smooth_k)
+        if self.smooth_k is not None:
+            _check(1 <= self.smooth_k <= 128, "filter.smooth_k", "between 1 and 128 neighbours", self.smooth_k)
         _check(self.order in (0, 1, 2), "filter.order", "0 (the paper), 1 (plane) or 2 (quadric)", self.order)
         _check(self.form in FORMS, "filter.form", f"one of {', '.join(FORMS)}", self.form)
         _check(self.iterations >= 1, "filter.iterations", "at least 1", self.iterations)

@@ -20,7 +20,8 @@ ALLOWED = {
     "train": {"types", "ops", "registration", "measure", "simulate", "nets", "io"},
     "io": {"types"},
     "report": {"types"},
-    "cli": {"types", "ops", "registration", "measure", "simulate", "nets", "train", "io", "report"},
+    "tiles": {"types", "ops", "io"},
+    "cli": {"types", "ops", "registration", "measure", "simulate", "nets", "train", "io", "report", "tiles"},
 }
 HEAVY = ("open3d", "hydra", "omegaconf", "matplotlib", "plotly", "tensorboardX", "flax", "optax", "pye57", "laspy")
 

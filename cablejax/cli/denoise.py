@@ -1,33 +1,49 @@
-"""`cablejax denoise`: outliers out, the rest smoothed, the cloud written."""
+"""`cablejax denoise`: outliers out, the rest smoothed, the cloud written; large files tile by tile."""
 
 import argparse
+import sys
+from pathlib import Path
 from typing import Any
 
 from cablejax.cli.main import NoResultError
 from cablejax.cli.scans import WRITABLE, check_output, load, rows, save, say
 
+LARGE = 1 << 28  # bytes of a file from which on it is cleaned in tiles unasked
+TILE_POINTS = 1 << 18
+CHUNK = 1_000_000
+
 
 def run(options: argparse.Namespace) -> dict[str, Any]:
     """Read, remove outliers, filter, write."""
     check_output(options.output, WRITABLE)
+    if options.neighbors < 1:
+        raise NoResultError(f"--neighbors: expected at least 1, got {options.neighbors}")
+    source = Path(options.scan)
+    if options.tile is not None or (source.is_file() and source.stat().st_size >= LARGE):
+        return _tiled(options, options.tile or TILE_POINTS)
+    return _whole(options)
+
+
+def _whole(options: argparse.Namespace) -> dict[str, Any]:
+    """The whole cloud at once."""
     scan = load(options, options.scan)
     import numpy as np
 
-    from cablejax.ops import adaptive_filter, statistical_outliers
+    from cablejax.ops import clean, statistical_outliers
 
     cloud = scan.cloud()
     if len(scan.xyz_mm) <= options.neighbors:
         raise NoResultError(
             f"{options.scan}: too few points: {len(scan.xyz_mm)} where more than --neighbors {options.neighbors} are needed"
         )
-    say(options, f"removing outliers from {len(scan.xyz_mm):,} points")
-    keep = statistical_outliers(cloud, std_ratio=options.std_ratio).keep
+    say(options, f"removing outliers from {len(scan.xyz_mm):,} points" + ("" if options.no_filter else ", smoothing"))
     xyz, width = cloud.xyz, None
-    if not options.no_filter:
-        say(options, "smoothing")
-        filtered = adaptive_filter(cloud._replace(mask=keep), k=options.neighbors, order=options.order)
-        xyz, width = filtered.xyz, float(np.median(np.asarray(filtered.width)[np.asarray(keep)]))
-    rest = np.asarray(keep)
+    if options.no_filter:
+        rest = np.asarray(statistical_outliers(cloud, std_ratio=options.std_ratio).keep)
+    else:
+        result = clean(cloud, std_ratio=options.std_ratio, k=options.neighbors, order=options.order)
+        xyz, rest = result.xyz, np.asarray(result.keep)
+        width = float(np.mean(np.asarray(result.width, dtype=np.float64)[rest]))
     moved = np.linalg.norm(np.asarray(xyz - cloud.xyz, dtype=np.float64)[rest], axis=1)
     color = None if scan.color is None else scan.color[rest]
     intensity = None if scan.intensity is None else scan.intensity[rest]
@@ -43,15 +59,54 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
     }
 
 
+def _tiled(options: argparse.Namespace, tile_points: int) -> dict[str, Any]:
+    """Tile by tile, for files larger than memory; a run that was killed goes on."""
+    from cablejax.io import PointFileError
+    from cablejax.tiles import Settings, denoise_file
+
+    if options.unit is None:
+        sys.stderr.write("cablejax: warning: no --unit given, the file is taken to be in mm\n")
+    settings = Settings(
+        std_ratio=options.std_ratio, k=options.neighbors, order=options.order, smooth=not options.no_filter
+    )
+    try:
+        result = denoise_file(
+            options.scan, options.output, settings=settings, unit=options.unit or "mm", tile_points=tile_points,
+            chunk=CHUNK, progress=lambda stage, done, total: say(options, f"{stage}: {done:,} of {total:,}"),
+        )  # fmt: skip
+    except (PointFileError, ValueError) as error:
+        raise NoResultError(str(error)) from None
+    except OSError as error:
+        raise NoResultError(f"{options.output}: cannot work beside it ({error.strerror})") from None
+    if result.cut:
+        sys.stderr.write(
+            f"cablejax: warning: {result.cut:,} points depend on others beyond the halo of their tile "
+            f"({result.halo_mm:.3g} mm) and may differ from those of the whole cloud; a larger --tile has none\n"
+        )
+    return {
+        "file": options.scan,
+        "output": options.output,
+        "points": result.points,
+        "removed": result.removed,
+        "moved_rms_mm": result.moved_rms_mm,
+        "kernel_width_mm": None if options.no_filter else result.width_mm,
+        "tiles": result.tiles,
+        "halo_mm": result.halo_mm,
+        "cut": result.cut,
+    }
+
+
 def table(result: dict[str, Any]) -> str:
     """The result for reading."""
     width = result["kernel_width_mm"]
+    tiles = [("tiles", f"{result['tiles']:,}, halo {result['halo_mm']:.3g} mm")] if "tiles" in result else []
     return rows(
         [
             ("points", f"{result['points']:,}"),
+            *tiles,
             ("removed", f"{result['removed']:,} outliers"),
             ("moved", f"{result['moved_rms_mm']:.3g} mm (root mean square)" if width is not None else "not smoothed"),
-            ("kernel width", "none" if width is None else f"{width:.3g} mm (median)"),
+            ("kernel width", "none" if width is None else f"{width:.3g} mm (mean)"),
             ("written", result["output"]),
         ]
     )

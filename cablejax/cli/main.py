@@ -61,13 +61,18 @@ def _denoise(sub: argparse._SubParsersAction) -> None:
     parser = sub.add_parser("denoise", help="remove outliers, smooth with the adaptive filter, write the cloud")
     _scan_arguments(parser)
     parser.add_argument("output", help="file to write: .ply, .pcd, .xyz, .csv, .las or .laz")
-    parser.add_argument("--neighbors", type=int, default=80, metavar="K", help="of the filter (default: 80)")
+    parser.add_argument("--neighbors", type=int, default=100, metavar="K", help="of the filter (default: 100)")
     parser.add_argument(
         "--order", type=int, choices=(0, 1, 2), default=2,
         help="local surface: 0 the mean of the paper's equation (8), which shrinks a cable; 1 plane; 2 quadric (default)",
     )  # fmt: skip
     parser.add_argument("--std-ratio", type=float, default=2.0, help="outliers beyond so many deviations (default: 2)")
     parser.add_argument("--no-filter", action="store_true", help="remove outliers alone")
+    parser.add_argument(
+        "--tile", type=int, metavar="POINTS",
+        help="work in tiles of so many points, for files larger than memory; the result is the same, and a killed run "
+        "goes on when called again (default: 262144 for files from 256 MB, else none)",
+    )  # fmt: skip
 
 
 def _register(sub: argparse._SubParsersAction) -> None:

@@ -3,6 +3,7 @@
 Neighbours (`knn`, `radius_search`, `radius_count`), local moments, outlier removal and the adaptive filter.
 """
 
+from cablejax.ops.cleaning import CleanResult, clean
 from cablejax.ops.edges import (
     AttentionWeights,
     channel_attention,
@@ -12,7 +13,8 @@ from cablejax.ops.edges import (
     neighbor_max,
     neighbor_sum,
 )
-from cablejax.ops.filters import FilterResult, adaptive_filter
+from cablejax.ops.filter_width import Trial, choose_alpha, pilot_step
+from cablejax.ops.filters import FilterResult, adaptive_filter, width_trial
 from cablejax.ops.moments import LocalMoments, local_moments, masked_covariance, masked_mean, masked_variance
 from cablejax.ops.neighbors import KnnResult, RadiusResult, knn, knn_features, radius_count, radius_search
 from cablejax.ops.outliers import OutlierResult, median_outliers, radius_outliers, statistical_outliers
@@ -28,14 +30,18 @@ from cablejax.ops.rigid import invert, kabsch, se3_exp, se3_log, transform
 
 __all__ = [
     "AttentionWeights",
+    "CleanResult",
     "CylinderFrame",
     "FilterResult",
     "KnnResult",
     "LocalMoments",
     "OutlierResult",
     "RadiusResult",
+    "Trial",
     "adaptive_filter",
     "channel_attention",
+    "choose_alpha",
+    "clean",
     "cylinder_frame",
     "cylinder_raster",
     "edge_conv",
@@ -52,6 +58,7 @@ __all__ = [
     "median_outliers",
     "neighbor_max",
     "neighbor_sum",
+    "pilot_step",
     "principal_frame",
     "radius_count",
     "radius_outliers",
@@ -62,4 +69,5 @@ __all__ = [
     "se3_log",
     "statistical_outliers",
     "transform",
+    "width_trial",
 ]

@@ -81,6 +81,12 @@ PRESETS = {
         quantum_mm=0.01, registration_mm=0.15, resweep_share=0.2, density_variation=0.3,
         stands_for="a scan whose own deviation from the true surface has a standard deviation of 0.385 mm",
     ),
+    "paper-aligned": Scanner(
+        standoff_mm=500.0, moving_head=True, range_mm=0.38, range_power=2.0, incidence_power=1.0, range_bias_mm=0.0,
+        jitter_mrad=0.3, footprint_mm=0.15, mixed_share=0.5, mixed_depth_mm=5.0, dropout_cos=0.15, dropout_width=0.04,
+        quantum_mm=0.01, registration_mm=0.01, resweep_share=0.2, density_variation=0.3,
+        stands_for="paper-floor with sweeps aligned as well as their noise allows, so that a filter can be judged",
+    ),
 }  # fmt: skip
 
 

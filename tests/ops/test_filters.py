@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from cablejax.ops import adaptive_filter
+from cablejax.ops import KnnResult, adaptive_filter
 from cablejax.ops.surface_fit import fit_surface, least_axis
 from cablejax.types import PointCloud, Status
 from tests.reference import filters as reference
@@ -25,12 +25,21 @@ def cloud(n=N, **kwargs):
     return PointCloud.from_xyz(half_cylinder(n, radius=5.0, length=10.0, **kwargs))
 
 
-@pytest.mark.parametrize("order", [0, 1, 2])
-@pytest.mark.parametrize("form", ["linear", "exponential"])
-def test_equals_the_reference(order, form):
-    points = cloud()
-    result = adaptive_filter(points, order=order, form=form, crowding=0.0, **SETTINGS)
-    xyz, width = reference.adaptive_filter(points.xyz, order=order, form=form, **SETTINGS)
+@pytest.mark.parametrize(
+    ("order", "form", "refinements"),
+    [
+        (0, "linear", 0),
+        (0, "exponential", 0),
+        (1, "linear", 0),
+        (1, "linear", 1),
+        (2, "exponential", 0),
+        (2, "linear", 2),
+    ],
+)
+def test_equals_the_reference(order, form, refinements):
+    points, how = cloud(), {"order": order, "form": form, "refinements": refinements}
+    result = adaptive_filter(points, **how, **SETTINGS)
+    xyz, width = reference.adaptive_filter(points.xyz, **how, **SETTINGS)
     np.testing.assert_allclose(result.width, width, rtol=1e-5)
     # Normal equations in float32 on terms of size one: 1e-6 times a condition of at most some hundred.
     np.testing.assert_allclose(result.xyz, xyz, atol=2e-6 if order == 0 else 3e-4)
@@ -127,12 +136,16 @@ def test_degenerate_clouds_stay_finite_and_in_place(name, order):
 
 def test_quadric_is_recovered_exactly():
     rng = np.random.default_rng(5)
-    u, v = rng.uniform(-1, 1, (2, 10, 40))
-    height = 0.02 + 0.1 * u * u - 0.05 * u * v + 0.08 * v * v
-    fit = fit_surface(jnp.asarray(np.stack([u, v, height], axis=-1), dtype=jnp.float32), jnp.ones((10, 40)), order=2)
-    assert (np.asarray(fit.noise) < 0.03).all()
-    tilt = np.abs(np.asarray(fit.normal)[:, 2])
-    np.testing.assert_allclose(np.abs(fit.height) * tilt, 0.02, atol=5e-3)
+    u, v = rng.uniform(-1, 1, (2, 40))
+    points = jnp.asarray(np.stack([u, v, 0.02 + 0.1 * u * u - 0.05 * u * v + 0.08 * v * v]), dtype=jnp.float32)
+
+    def sample(rows, near):
+        return near.astype(jnp.float32), points[:, rows]
+
+    fit = fit_surface(sample, jnp.arange(40)[:, None], order=2)
+    assert float(fit.noise[0]) < 0.03
+    # The normal is that of the best plane, not quite z: heights along it shrink by its cosine.
+    np.testing.assert_allclose(jnp.abs(fit.height * fit.normal[2]), 0.02, atol=5e-3)
 
 
 def test_least_axis_equals_eigh():
@@ -141,8 +154,12 @@ def test_least_axis_equals_eigh():
     matrix = root @ root.transpose(0, 2, 1)
     value, axes = np.linalg.eigh(matrix)
     apart = value[:, 1] > 1.3 * value[:, 0]
-    cosine = np.abs(np.sum(np.asarray(least_axis(jnp.asarray(matrix, dtype=jnp.float32))) * axes[:, :, 0], axis=1))
+    six = [matrix[:, i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (2, 0))]
+    axis, least = least_axis(jnp.asarray(np.stack(six), dtype=jnp.float32))
+    cosine = np.abs(np.sum(np.asarray(axis).T * axes[:, :, 0], axis=1))
     assert (cosine[apart] > 1 - 1e-4).all()
+    # v' C v in float32 next to eigenvalues up to 30 times as large.
+    np.testing.assert_allclose(least[apart], value[apart, 0], atol=1e-5 * value.max())
 
 
 @pytest.mark.parametrize(
@@ -152,6 +169,8 @@ def test_least_axis_equals_eigh():
         ({"order": 3}, "order: expected 0, 1 or 2, got 3"),
         ({"form": "cubic"}, "form: expected"),
         ({"iterations": 0}, "iterations: expected at least 1, got 0"),
+        ({"refinements": -1}, "refinements: expected at least 0, got -1"),
+        ({"found": KnnResult(jnp.zeros((3, 1), int), jnp.zeros((3, 1)), jnp.zeros(3, int))}, "found: expected 20 rows"),
     ],
 )
 def test_bad_arguments_are_named(kwargs, message):

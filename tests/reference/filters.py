@@ -1,42 +1,64 @@
-"""The adaptive filter, equations (2)-(8), point by point in NumPy float64."""
+"""The adaptive filter, equations (2)-(8), and its surfaces, point by point in NumPy float64."""
 
 import numpy as np
 
 from tests.reference.neighbors import knn
 
 
-def adaptive_filter(xyz, *, k, alpha, beta, gamma, tau, order=0, form="linear"):
+def adaptive_filter(xyz, *, k, alpha, beta, gamma, tau, order=0, form="linear", refinements=0):
     """One application of the filter; points `[n, 3]` and widths `[n]`."""
     xyz = np.asarray(xyz, dtype=np.float64)
     neighbors, _ = knn(xyz, k)
     around = [np.append(i, neighbors[i]) for i in range(len(xyz))]
     noise = np.array([np.sqrt(((xyz[a] - xyz[a].mean(0)) ** 2).sum(1).mean()) for a in around])  # (2), (3)
     width = alpha * noise + beta if form == "linear" else beta * np.exp(alpha * noise / beta)  # (4), (5)
-    gradient = np.zeros_like(xyz)  # (6)
+    edge = edge_weight(xyz, neighbors, gamma, tau)
+    fits = [surface(xyz[a] - xyz[a[0]], edge[a] * gauss(xyz[a] - xyz[a[0]], width[a[0]]), order) for a in around]
+    place = xyz + [move for move, _, _ in fits]  # (8) where order is 0
+    for _ in range(refinements):
+        normal = np.array([n for _, n, _ in fits])
+        trust = np.array(
+            [np.exp(-0.5 * ((p - x) ** 2).sum() / (3 * f[2]) ** 2) for p, x, f in zip(place, xyz, fits, strict=True)]
+        )
+        weights = [
+            edge[a] * trust[a] * gauss(place[a] - place[a[0]], width[a[0]])
+            * np.exp((np.abs(normal[a] @ normal[a[0]]) - 1) / 0.6**2)
+            for a in around
+        ]  # fmt: skip
+        fits = [surface(xyz[a] - place[a[0]], w, order) for a, w in zip(around, weights, strict=True)]
+        place = place + [move for move, _, _ in fits]
+    return place, width
+
+
+def edge_weight(xyz, neighbors, gamma, tau):
+    """Weight of each point, (6) and (7)."""
+    gradient = np.zeros_like(xyz)
     for i in range(len(xyz)):
         for j in neighbors[i]:
             apart = xyz[i] - xyz[j]
             if apart.any():
                 gradient[i] += apart / np.linalg.norm(apart)
-    edge = 1 + gamma * np.maximum(0, np.linalg.norm(gradient, axis=1) - tau)  # (7)
-    out = np.empty_like(xyz)
-    for i, near in enumerate(around):
-        weight = edge[near] * np.exp(-((xyz[near] - xyz[i]) ** 2).sum(1) / (2 * width[i] ** 2))
-        out[i] = xyz[i] + _surface(xyz[near] - xyz[i], weight, order)  # (8) where order is 0
-    return out, width
+    return 1 + gamma * np.maximum(0, np.linalg.norm(gradient, axis=1) - tau)
 
 
-def _surface(offsets, weight, order):
-    """Where the origin moves: to the weighted mean, or along the normal onto the weighted plane or quadric."""
-    mean = np.average(offsets, axis=0, weights=weight)
+def gauss(offsets, width):
+    return np.exp(-(offsets**2).sum(1) / (2 * width**2))
+
+
+def surface(offsets, weight, order):
+    """Where the origin moves: to the weighted mean, or along the normal onto the weighted plane or quadric.
+
+    With it the normal, and the weighted standard deviation from the surface, its coefficients allowed for.
+    """
+    weight = weight / weight.sum()
+    mean = weight @ offsets
     if order == 0:
-        return mean
+        return mean, None, None
     centred = offsets - mean
     axes = np.linalg.eigh(np.einsum("k,ki,kj->ij", weight, centred, centred))[1]
-    normal = axes[:, 0]
-    if order == 1:
-        return (mean @ normal) * normal
-    u, v, height = offsets @ axes[:, 2], offsets @ axes[:, 1], offsets @ normal
-    terms = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=1)
-    root = np.sqrt(weight)
-    return np.linalg.lstsq(terms * root[:, None], height * root, rcond=None)[0][0] * normal
+    normal, u, v = axes[:, 0], offsets @ axes[:, 2], offsets @ axes[:, 1]
+    terms = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=1)[:, : 3 if order == 1 else 6]
+    root, height = np.sqrt(weight), offsets @ normal
+    solution = np.linalg.lstsq(terms * root[:, None], height * root, rcond=None)[0]
+    free = max(1 - terms.shape[1] * (weight**2).sum(), 0.2)
+    return solution[0] * normal, normal, np.sqrt(weight @ (height - terms @ solution) ** 2 / free)

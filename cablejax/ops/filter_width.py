@@ -1,0 +1,119 @@
+"""How wide the adaptive filter's kernel should be, from the cloud alone: leave-one-out prediction at a few points.
+
+A narrow kernel leaves noise, a wide one irons out the shape; how well neighbours predict a point that they do not include
+falls and rises with it. Weights by distance in space would spoil the test: a point that noise has lifted chooses lifted
+neighbours, predicts itself too well, and the narrowest kernel always wins. So the prediction weighs by distance in the
+tangent plane, and what the kernel in space must be wider for the noise is added afterwards.
+"""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Float, Int
+
+from cablejax.ops.slots import gather
+from cablejax.ops.surface_fit import TINY, fit_frame, fit_heights, residual
+
+PILOT = 2048  # points whose neighbours predict them
+SHARES = tuple(0.2 * 1.25**i for i in range(12))  # widths tried, per local noise of eq. (3): 0.2 to 2.3
+BAND = 3.0  # neighbours off the surface by so many deviations lose their say: another sheet, an outlier
+LIFT = 4.5  # see `choose_alpha`; chosen on five of the ten shapes of benchmarks/denoise.py
+
+
+class Trial(NamedTuple):
+    """How each width did at each pilot point.
+
+    Attributes:
+        loss: Squared distance of the point from its prediction `[widths, m]`, in the cloud's unit squared.
+        noise: Standard deviation of its neighbours from their surface `[widths, m]`.
+        local: Local noise of eq. (3) `[m]`; 0 where there is no point.
+    """
+
+    loss: Float[Array, "widths m"]
+    noise: Float[Array, "widths m"]
+    local: Float[Array, " m"]
+
+
+def pilot_step(n: int) -> int:
+    """Every how many rows of a cloud a pilot point is taken."""
+    return max(1, n // PILOT)
+
+
+def try_widths(
+    xyz: Float[Array, "3 n"],
+    centre: Float[Array, "3 m"],
+    neighbors: Int[Array, "k m"],
+    local: Float[Array, " m"],
+    *,
+    order: int,
+) -> Trial:
+    """Predict some points of a cloud from their neighbours with each of the widths.
+
+    Args:
+        xyz: Coordinates `[3, n]`.
+        centre: The points to predict `[3, m]`, their rows first in `neighbors`.
+        neighbors: Rows of each one's neighbours `[k, m]`, -1 where there is none.
+        local: Local noise of eq. (3) `[m]`, 0 where there is no point.
+        order: 1 for planes, 2 for quadrics. Static.
+    """
+    shares, count = jnp.asarray(SHARES, dtype=xyz.dtype), len(SHARES)
+    width = (shares[:, None] * local[None]).reshape(-1)
+    loss, noise = _predict(xyz, jnp.tile(neighbors, (1, count)), jnp.tile(centre, (1, count)), width, order)
+    return Trial(loss.reshape(count, -1), noise.reshape(count, -1), local)
+
+
+def _predict(xyz: Array, neighbors: Array, centre: Array, width: Array, order: int) -> tuple[Array, Array]:
+    """Squared leave-one-out error and noise at each centre `[m]`."""
+    scale = 0.5 / jnp.square(jnp.where(width > 0, width, 1.0))
+
+    def in_space(rows: Array, near: Array) -> tuple[Array, Array]:
+        offset = gather(xyz, rows) - centre
+        return jnp.where(near, jnp.exp(-jnp.square(offset).sum(axis=0) * scale), 0.0), offset
+
+    frame = fit_frame(in_space, neighbors)
+    pilot = fit_heights(in_space, neighbors, frame, order=order)
+    off_surface = residual(pilot)
+    band = 0.5 / jnp.square(BAND * jnp.maximum(pilot.noise, TINY**0.25))
+
+    def in_plane(rows: Array, near: Array) -> tuple[Array, Array]:
+        offset = gather(xyz, rows) - centre
+        off, sq_dist = off_surface(offset)
+        return jnp.where(near, jnp.exp(-sq_dist * scale - jnp.square(off) * band), 0.0), offset
+
+    fit = fit_heights(in_plane, neighbors, frame, order=order)
+    # The own weight falls with the own residual alone; without its share, the height is what the others predict.
+    own = jnp.exp(-jnp.square(pilot.height) * band)
+    return jnp.square(fit.height / jnp.maximum(1.0 - own * fit.leverage, 0.05)), pilot.noise
+
+
+def choose_alpha(trial: Trial) -> Float[Array, ""]:
+    """The share alpha of the local noise that eq. (5) takes for the width.
+
+    The best width t of the prediction, between the tried ones by a parabola. In space, a point displaced by e finds a
+    surface lifted by e s^2 / (s^2 + w^2), with noise s and width w, so the width is taken larger where the noise is no
+    longer small against it: w^2 = t^2 + LIFT s^4 / t^2.
+    """
+    used = (trial.local > 0)[None] & jnp.isfinite(trial.loss)
+    loss = jnp.where(used, trial.loss, jnp.nan)
+    # One point in a hundred may be as far off as it likes: an edge, a stray.
+    cap = jnp.nanquantile(loss, 0.99, axis=1, keepdims=True)
+    loss = jnp.minimum(loss, cap)
+    any_used = used.any()
+    mean = jnp.nanmean(loss, axis=1)
+    least = jnp.argmin(jnp.where(jnp.isfinite(mean), mean, jnp.inf))
+    # Where wide kernels predict as well as can be told, the widest of them: it leaves the least noise.
+    beyond = loss - lax.dynamic_index_in_dim(loss, least)
+    doubt = jnp.nanstd(beyond, axis=1) / jnp.sqrt(jnp.maximum(used.any(axis=0).sum(), 1))
+    mean = mean - jnp.where(jnp.arange(len(SHARES)) > least, doubt, 0.0)
+    mean = jnp.where(jnp.isfinite(mean), mean, jnp.inf)
+    best = jnp.clip(jnp.argmin(mean), 1, len(SHARES) - 2)
+    left, middle, right = (lax.dynamic_index_in_dim(mean, best + i, keepdims=False) for i in (-1, 0, 1))
+    curve = left - 2.0 * middle + right
+    bent = curve > 0
+    place = jnp.where(bent, 0.5 * (left - right) / jnp.where(bent, curve, 1.0), jnp.sign(left - right))
+    share = jnp.exp((best + jnp.clip(place, -1.0, 1.0)) * jnp.log(1.25)) * SHARES[0]
+    at_best = lax.dynamic_index_in_dim(jnp.where(used, trial.noise, jnp.nan), best, keepdims=False)
+    noise = jnp.nanmedian(at_best / jnp.where(trial.local > 0, trial.local, 1.0))
+    alpha = share * jnp.sqrt(1.0 + LIFT * (noise / share) ** 4)
+    return jnp.where(any_used, alpha, 1.0)

@@ -1,0 +1,91 @@
+"""The folder that a tiled run works in: what it knows so far, so that it can go on after it was killed."""
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+STATE = "state.json"
+RECORD = np.dtype([("row", "<i8"), ("xyz", "<f4", 3), ("inner", "?")])
+
+
+class TilePoints(NamedTuple):
+    """The points of a tile and its halo.
+
+    Attributes:
+        row: Their rows in the whole cloud `[m]`.
+        xyz: Coordinates `[m, 3]` float32, mm, shifted.
+        inner: True for the tile's own `[m]`.
+    """
+
+    row: Int[np.ndarray, " m"]
+    xyz: Float[np.ndarray, "m 3"]
+    inner: Bool[np.ndarray, " m"]
+
+
+class Folder:
+    """Files of a tiled run and its state; `job` says what the run is, and a folder of another job is emptied.
+
+    Columns of the cloud (points, scores, what is kept, results) are files of one row a point, read and written through
+    the system's page cache; nothing but the tile at work is held in memory.
+    """
+
+    def __init__(self, path: Path, job: dict[str, Any]):
+        self.path = path
+        state = self._read()
+        if state.get("job") != job:
+            shutil.rmtree(path, ignore_errors=True)
+            path.mkdir(parents=True)
+            state = {"job": job, "done": {}}
+        self.state: dict[str, Any] = state
+
+    def _read(self) -> dict[str, Any]:
+        try:
+            return json.loads((self.path / STATE).read_text())
+        except (OSError, ValueError):
+            return {}
+
+    def done(self, stage: str) -> Any:
+        """What a finished stage left, None if it is not finished."""
+        return self.state["done"].get(stage)
+
+    def finish(self, stage: str, value: Any = True) -> Any:
+        """Keep what a stage found; the state is replaced in one step."""
+        self.state["done"][stage] = value
+        fresh = self.path / (STATE + ".new")
+        fresh.write_text(json.dumps(self.state))
+        fresh.replace(self.path / STATE)
+        return value
+
+    def column(self, name: str, dtype: Any, shape: tuple[int, ...]) -> np.ndarray:
+        """A file of one row a point, made full of zeros where it is missing."""
+        path = self.path / name
+        size = int(np.prod(shape)) * np.dtype(dtype).itemsize
+        if not path.exists() or path.stat().st_size != size:
+            with path.open("wb") as file:
+                file.truncate(size)
+        return np.memmap(path, dtype=dtype, mode="r+", shape=shape)
+
+    def spool(self, tile: int, row: np.ndarray, xyz: np.ndarray, inner: np.ndarray) -> None:
+        """Add points to a tile's file."""
+        record = np.empty(len(row), dtype=RECORD)
+        record["row"], record["xyz"], record["inner"] = row, xyz, inner
+        with (self.path / f"tile{tile}").open("ab") as file:
+            file.write(record.tobytes())
+
+    def tile(self, tile: int) -> TilePoints:
+        """The points of a tile."""
+        record = np.fromfile(self.path / f"tile{tile}", dtype=RECORD)
+        return TilePoints(record["row"], np.ascontiguousarray(record["xyz"]), record["inner"])
+
+    def clear_spool(self) -> None:
+        """Delete the tiles of a spooling that was not finished."""
+        for path in self.path.glob("tile*"):
+            path.unlink()
+
+    def remove(self) -> None:
+        """Delete the folder."""
+        shutil.rmtree(self.path)

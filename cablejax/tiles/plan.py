@@ -1,0 +1,109 @@
+"""How a cloud is cut into tiles: boxes that hold no more points, halo included, than one tile may."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+CELLS = 128  # along the longest side of the cloud
+
+
+class Tile(NamedTuple):
+    """A box of the cloud and the wider one whose points its own depend on; lower <= x < upper.
+
+    Attributes:
+        lower: `[3]`, mm; -inf at the border of the cloud.
+        upper: `[3]`, mm; inf there.
+        halo: How much wider the outer box is on every side, mm.
+    """
+
+    lower: Float[np.ndarray, "3"]
+    upper: Float[np.ndarray, "3"]
+    halo: float
+
+    def inner(self, xyz: Float[np.ndarray, "n 3"]) -> np.ndarray:
+        """Which points are the tile's own `[n]`."""
+        return ((xyz >= self.lower) & (xyz < self.upper)).all(axis=1)
+
+    def outer(self, xyz: Float[np.ndarray, "n 3"]) -> np.ndarray:
+        """Which points lie in it or its halo `[n]`."""
+        return ((xyz >= self.lower - self.halo) & (xyz < self.upper + self.halo)).all(axis=1)
+
+    def slack(self, xyz: Float[np.ndarray, "n 3"]) -> np.ndarray:
+        """Distance of points to the nearest side of the outer box beyond which the cloud goes on `[n]`."""
+        return np.minimum(xyz - (self.lower - self.halo), (self.upper + self.halo) - xyz).min(axis=1)
+
+
+class Grid(NamedTuple):
+    """Cubic cells over a cloud and how many points each holds.
+
+    Attributes:
+        origin: `[3]`, mm.
+        edge: mm.
+        count: `[a, b, c]`.
+    """
+
+    origin: Float[np.ndarray, "3"]
+    edge: float
+    count: Int[np.ndarray, "a b c"]
+
+
+def empty_grid(lower: Float[np.ndarray, "3"], upper: Float[np.ndarray, "3"]) -> Grid:
+    """A grid over a box."""
+    edge = max(float((upper - lower).max()) / CELLS, 1e-9)
+    shape = np.floor((upper - lower) / edge).astype(int) + 1
+    return Grid(lower, edge, np.zeros(shape, dtype=np.int64))
+
+
+def add(grid: Grid, xyz: Float[np.ndarray, "n 3"]) -> None:
+    """Count more points."""
+    cell = np.floor((xyz - grid.origin) / grid.edge).astype(int)
+    cell = np.clip(cell, 0, np.array(grid.count.shape) - 1)
+    flat = np.ravel_multi_index(tuple(cell.T), grid.count.shape)
+    grid.count.reshape(-1)[:] += np.bincount(flat, minlength=grid.count.size)
+
+
+def cut(grid: Grid, *, halo: float, capacity: int) -> list[Tile]:
+    """Halve the cloud, along the longest side and by points, until every piece with its halo fits.
+
+    Raises:
+        ValueError: If a single cell with its halo holds more than `capacity` points.
+    """
+    shape, reach = np.array(grid.count.shape), int(np.ceil(halo / grid.edge))
+    todo, done = [(np.zeros(3, dtype=int), shape.copy())], []
+    while todo:
+        low, high = todo.pop()
+        if grid.count[_slices(low, high)].sum() == 0:
+            continue
+        # One cell more: a point on a cell's border may be rounded into either.
+        held = int(grid.count[_slices(np.maximum(low - reach - 1, 0), high + reach + 1)].sum())
+        if held <= capacity:
+            done.append(_tile(grid, low, high, halo))
+        elif (high - low).max() == 1:
+            raise ValueError(
+                f"tile_points: expected at least {held:,}, the points of {grid.edge:.3g} mm and {halo:.3g} mm around, "
+                f"got {capacity:,}"
+            )
+        else:
+            todo.extend(_halves(grid, low, high))
+    return done
+
+
+def _slices(low: np.ndarray, high: np.ndarray) -> tuple[slice, ...]:
+    return tuple(slice(a, b) for a, b in zip(low, high, strict=True))
+
+
+def _halves(grid: Grid, low: np.ndarray, high: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    axis = int(np.argmax(high - low))
+    others = tuple(a for a in range(3) if a != axis)
+    along = np.cumsum(grid.count[_slices(low, high)].sum(axis=others))
+    place = int(np.clip(np.searchsorted(along, along[-1] / 2) + 1, 1, len(along) - 1))
+    middle_high, middle_low = high.copy(), low.copy()
+    middle_high[axis] = middle_low[axis] = low[axis] + place
+    return [(low, middle_high), (middle_low, high)]
+
+
+def _tile(grid: Grid, low: np.ndarray, high: np.ndarray, halo: float) -> Tile:
+    at = [np.where(low == 0, -np.inf, grid.origin + low * grid.edge)]
+    at.append(np.where(high == grid.count.shape, np.inf, grid.origin + high * grid.edge))
+    return Tile(at[0], at[1], halo)
