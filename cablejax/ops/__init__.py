@@ -8,10 +8,10 @@ from cablejax.ops.edges import (
     channel_attention,
     edge_conv,
     edge_features,
-    feature_graph,
     neighbor_max,
     neighbor_sum,
 )
+from cablejax.ops.feature_graph import feature_graph
 from cablejax.ops.filters import FilterResult, adaptive_filter
 from cablejax.ops.moments import LocalMoments, local_moments, masked_covariance, masked_mean, masked_variance
 from cablejax.ops.neighbors import KnnResult, RadiusResult, knn, knn_features, radius_count, radius_search

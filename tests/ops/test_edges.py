@@ -13,10 +13,10 @@ from cablejax.ops.edges import (
     edge_conv,
     edge_features,
     edge_statistics,
-    feature_graph,
     neighbor_max,
     neighbor_sum,
 )
+from cablejax.ops.feature_graph import feature_graph
 from tests.reference import edges as reference
 
 N, K, C, D, H = 24, 5, 4, 8, 4
