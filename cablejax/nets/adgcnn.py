@@ -10,9 +10,8 @@ from jaxtyping import Array, Bool, Float
 from cablejax.nets.aedgeconv import AEdgeConv
 from cablejax.nets.enhancement import FeatureEnhancement
 from cablejax.nets.fusion import FeatureFusion
-from cablejax.nets.head import Classifier, pool_points
-from cablejax.nets.init import he_normal, lecun_normal
-from cablejax.nets.norm import BatchNorm
+from cablejax.nets.head import Classifier, PooledLayer
+from cablejax.nets.init import lecun_normal
 from cablejax.nets.pose import PosedClouds, pose_channels, pose_clouds
 from cablejax.ops.raster import cylinder_raster, raster_taps, sample_raster
 
@@ -82,8 +81,7 @@ class ADGCNN(nnx.Module):
             if enhancement or fusion
             else None
         )
-        self.shared = nnx.Linear(sum(widths), 512, use_bias=False, kernel_init=he_normal, rngs=rngs)
-        self.shared_norm = BatchNorm(512)
+        self.shared = PooledLayer(sum(widths), 512, rngs=rngs)
         self.classifier = Classifier(1024, (256, 128), num_classes, dropout=dropout, rngs=rngs)
 
     def __call__(self, xyz: Float[Array, "b n 3"], mask: Bool[Array, "b n"]) -> Float[Array, "b classes"]:
@@ -96,9 +94,7 @@ class ADGCNN(nnx.Module):
         joined = jnp.concatenate(maps, axis=-1)
         if self.raster is not None:
             joined = joined + self._unrolled(maps, posed, mask)
-        valid = mask.astype(jnp.float32)
-        points = jax.nn.leaky_relu(self.shared_norm(self.shared(joined), valid), 0.2)
-        return self.classifier(pool_points(points, mask))
+        return self.classifier(self.shared(joined, mask))
 
     def _unrolled(self, maps: list[Array], posed: PosedClouds, mask: Array) -> Float[Array, "b n d"]:
         """The share of the raster stage in the points' features."""

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from cablejax.ops.cloud_by_cloud import cloud_by_cloud
+from cablejax.ops.product import row_product
 
 
 class AttentionWeights(NamedTuple):
@@ -57,7 +58,7 @@ def edge_products(
     if kernel.shape[0] != 2 * channels:
         raise ValueError(f"kernel: expected {2 * channels} rows for {channels} channels, got {kernel.shape[0]}")
     own, difference = kernel[:channels], kernel[channels:]
-    return features @ (own - difference), features @ difference
+    return row_product(features, own - difference), row_product(features, difference)
 
 
 def channel_attention(

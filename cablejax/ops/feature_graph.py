@@ -2,7 +2,6 @@
 
 from functools import lru_cache, partial
 
-import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int

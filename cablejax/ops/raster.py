@@ -254,5 +254,7 @@ def sample_raster(grid: Float[Array, "h w c"], taps: RasterTaps) -> Float[Array,
 
 def _share_matrix(taps: RasterTaps, cells: int) -> Float[Array, "n cells"]:
     """The bilinear shares as a dense matrix `[n, cells]`."""
-    chosen = taps.cells[:, :, None] == jnp.arange(cells)[None, None, :]
-    return jnp.sum(jnp.where(chosen, taps.shares[:, :, None], 0.0), axis=1)
+    n = taps.cells.shape[0]
+    flat = taps.cells + cells * jnp.arange(n)[:, None]
+    dense = jnp.zeros(n * cells, taps.shares.dtype).at[flat.reshape(-1)].add(taps.shares.reshape(-1))
+    return dense.reshape(n, cells)
