@@ -64,7 +64,8 @@ def _depthwise_backward(dilation: int, residuals: tuple[Array, Array], grad: Arr
 
     def tap(i: Array, total: Array) -> Array:
         shifted = _window(padded, i // 3, i % 3, dilation, grid.shape)
-        return total.at[i].set(jnp.sum(shifted * grad, axis=(0, 1, 2)))
+        # The barrier keeps the sum out of the update, which would take it again for every row.
+        return total.at[i].set(jax.lax.optimization_barrier(jnp.sum(shifted * grad, axis=(0, 1, 2))))
 
     total = jax.lax.fori_loop(0, 9, tap, jnp.zeros((9, grid.shape[3]), grad.dtype))
     return depthwise_conv(grad, kernel[::-1, ::-1], dilation), total.reshape(kernel.shape)
@@ -79,7 +80,8 @@ def _padded(grid: Float[Array, "b h w c"], dilation: int) -> Float[Array, "b p q
     if width < dilation:
         raise ValueError(f"grid: expected at least {dilation} cells around the cable for that dilation, got {width}")
     padded = jnp.pad(grid, ((0, 0), (dilation, dilation), (0, 0), (0, 0)))
-    return jnp.concatenate([padded[:, :, width - dilation :], padded, padded[:, :, :dilation]], axis=2)
+    padded = jnp.concatenate([padded[:, :, width - dilation :], padded, padded[:, :, :dilation]], axis=2)
+    return jax.lax.optimization_barrier(padded)  # else each of nine windows computes it anew, activation included
 
 
 def _window(padded: Array, row: Array | int, column: Array | int, dilation: int, shape: tuple[int, ...]) -> Array:
