@@ -36,6 +36,8 @@ class ADGCNN(nnx.Module):
         raster_width: Channels of the raster's convolutions.
         half_length_mm: Half the length of cable that the raster covers.
         scale_mm: Length that becomes 1 at the input.
+        shared_width: Channels of the shared layer before pooling.
+        head: Channels of the classifier's hidden layers.
         dropout: Rate in the classifier; the paper has none.
     """
 
@@ -53,6 +55,8 @@ class ADGCNN(nnx.Module):
         raster_width: int = 64,
         half_length_mm: float = 60.0,
         scale_mm: float = 20.0,
+        shared_width: int = 512,
+        head: Sequence[int] = (256, 128),
         dropout: float = 0.0,
         rngs: nnx.Rngs,
     ):
@@ -81,12 +85,15 @@ class ADGCNN(nnx.Module):
             if enhancement or fusion
             else None
         )
-        self.shared = PooledLayer(sum(widths), 512, rngs=rngs)
-        self.classifier = Classifier(1024, (256, 128), num_classes, dropout=dropout, rngs=rngs)
+        self.shared = PooledLayer(sum(widths), shared_width, rngs=rngs)
+        self.classifier = Classifier(2 * shared_width, tuple(head), num_classes, dropout=dropout, rngs=rngs)
 
     def __call__(self, xyz: Float[Array, "b n 3"], mask: Bool[Array, "b n"]) -> Float[Array, "b classes"]:
         """Logits `[b, C]` of clouds in mm; rows where `mask` is False change nothing."""
-        posed = pose_clouds(xyz, mask, pose=self.pose, scale_mm=self.scale_mm)
+        return self.classify(pose_clouds(xyz, mask, pose=self.pose, scale_mm=self.scale_mm), mask)
+
+    def classify(self, posed: PosedClouds, mask: Bool[Array, "b n"]) -> Float[Array, "b classes"]:
+        """Logits `[b, C]` of clouds that are posed already."""
         x, maps = posed.features, []
         for layer in self.layers:
             x = layer(x, mask)
