@@ -22,7 +22,7 @@ def cloud_by_cloud(function: Callable[..., Array]) -> Callable[..., Array]:
     @wrapped.def_vmap
     def _(size: int, batched: Sequence[bool], *arrays: Array) -> tuple[Array, bool]:
         every = [a if b else jnp.broadcast_to(a, (size, *a.shape)) for a, b in zip(arrays, batched, strict=True)]
-        looped = partial(jax.lax.map, lambda rows: function(*rows))
+        looped = partial(jax.lax.map, lambda rows: wrapped(*rows))  # wrapped: a second vmap is a loop as well
         return jax.lax.platform_dependent(
             tuple(every), cpu=looped, default=lambda rows: jax.vmap(function)(*rows)
         ), True
