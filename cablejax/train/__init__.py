@@ -14,6 +14,7 @@ from cablejax.train.metrics import (
     overall_accuracy,
 )
 from cablejax.train.optimizers import OPTIMIZERS, make_optimizer
+from cablejax.train.together import fit_together
 
 __all__ = [
     "OPTIMIZERS",
@@ -29,6 +30,7 @@ __all__ = [
     "cross_entropy",
     "evaluate",
     "fit",
+    "fit_together",
     "make_optimizer",
     "overall_accuracy",
 ]

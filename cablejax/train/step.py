@@ -9,7 +9,7 @@ import optax
 from flax import nnx
 from jaxtyping import Array, Float, Int
 
-from cablejax.train.config import TrainConfig
+from cablejax.train.config import MATMUL_PRECISION, TrainConfig
 from cablejax.train.losses import cross_entropy
 
 
@@ -94,7 +94,8 @@ def make_runner(
 
     def gradient(params: Any, rest: Any, data: Data, row: Array) -> tuple[Any, Any, StepReport]:
         batch = [jnp.take(each, row, axis=0) for each in data]
-        (loss, (rest, correct)), grads = jax.value_and_grad(loss_of, has_aux=True)(params, rest, *batch)
+        with jax.default_matmul_precision(MATMUL_PRECISION[config.precision]):
+            (loss, (rest, correct)), grads = jax.value_and_grad(loss_of, has_aux=True)(params, rest, *batch)
         return grads, rest, StepReport(loss, correct, optax.tree.norm(grads))
 
     def update(state: TrainState, grads: Any, rest: Any, schedule: Schedule) -> TrainState:
