@@ -167,6 +167,10 @@ class TrainingConfig:
     batch_size: int = 32
     label_smoothing: float = 0.0
     log_every: int = 1
+    # Folder of another training run whose weights this one starts from, and parts of the network that stay as they are.
+    init_from: str | None = None
+    frozen: list[str] = field(default_factory=list)
+    precision: str = "float32"
 
     def __post_init__(self) -> None:
         _check(self.epochs >= 1, "training.epochs", "at least 1 epoch", self.epochs)

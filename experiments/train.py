@@ -16,7 +16,7 @@ from flax import nnx
 from cablejax.io import RunLogger
 from cablejax.nets import build_model
 from cablejax.simulate import DatasetConfig, Split, make_split, sample_clouds
-from cablejax.train import Metrics, TrainConfig, evaluate, fit
+from cablejax.train import Metrics, TrainConfig, evaluate, fit, initialise_from
 from experiments import app
 from experiments.schema import Config
 from experiments.schema import DatasetConfig as DatasetSchema
@@ -62,14 +62,26 @@ def training_config(cfg: Config) -> TrainConfig:
         label_smoothing=cfg.training.label_smoothing,
         seed=cfg.seed,
         keep_best=True,
+        frozen=tuple(cfg.training.frozen),
+        precision=cfg.training.precision,
     )
+
+
+def initial_model(cfg: Config, classes: int) -> nnx.Module:
+    """The network with fresh weights, or with `training.init_from` those of another run where they fit."""
+    model = build_model(cfg.model.name, classes, rngs=nnx.Rngs(cfg.seed), **cfg.model.options)
+    if cfg.training.init_from is None:
+        return model
+    started = initialise_from(model, cfg.training.init_from)
+    print(f"from {cfg.training.init_from}; fresh: {', '.join(started.kept) or 'nothing'}")
+    return started.model
 
 
 def run(cfg: Config, folder: Path) -> dict[str, Any]:
     """Train, choose the epoch on validation, touch the test split once."""
     labels = [f"{size:g}" for size in cfg.dataset.sizes_mm2]
     validation = _split(clouds_of(cfg.dataset, cfg.dataset.validation_per_class), "validation")
-    model = build_model(cfg.model.name, len(labels), rngs=nnx.Rngs(cfg.seed), **cfg.model.options)
+    model = initial_model(cfg, len(labels))
     with RunLogger(folder / "tensorboard") as log:
         result = fit(model, training_clouds(cfg.dataset), validation, training_config(cfg), folder=folder, logger=log)
         test_split = _split(clouds_of(cfg.dataset, cfg.dataset.test_per_class), "test")

@@ -15,6 +15,7 @@ from cablejax.train.metrics import (
 )
 from cablejax.train.optimizers import OPTIMIZERS, make_optimizer
 from cablejax.train.together import fit_together
+from cablejax.train.transfer import Transferred, initialise_from
 
 __all__ = [
     "OPTIMIZERS",
@@ -24,6 +25,7 @@ __all__ = [
     "TrainConfig",
     "TrainResult",
     "TrainingDiverged",
+    "Transferred",
     "best_epoch",
     "class_average_accuracy",
     "confusion_matrix",
@@ -31,6 +33,7 @@ __all__ = [
     "evaluate",
     "fit",
     "fit_together",
+    "initialise_from",
     "make_optimizer",
     "overall_accuracy",
 ]

@@ -29,6 +29,8 @@ class TrainConfig:
         patience: Stop after this many epochs without a better validation accuracy; None runs to the end.
         keep_best: Return the weights of the epoch with the best validation accuracy (of equals the lowest loss), not the
             last ones.
+        frozen: Parts of the network whose parameters stay as they are, by dotted name ("layers", "layers.0"); their
+            running statistics still follow the data.
         precision: "float32", or "bfloat16": matrix products of the forward and backward pass take their factors rounded to
             bfloat16 and add up in float32, on devices that can (a CPU goes on in float32). Weights, statistics and the
             neighbour graph stay in float32.
@@ -49,6 +51,7 @@ class TrainConfig:
     ema_decay: float | None = None
     patience: int | None = None
     keep_best: bool = False
+    frozen: tuple[str, ...] = ()
     precision: str = "float32"
     steps_per_dispatch: int = 10
     eval_batch_size: int = 32

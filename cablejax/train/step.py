@@ -11,6 +11,7 @@ from jaxtyping import Array, Float, Int
 
 from cablejax.train.config import MATMUL_PRECISION, TrainConfig
 from cablejax.train.losses import cross_entropy
+from cablejax.train.transfer import frozen_updates
 
 
 class TrainState(NamedTuple):
@@ -103,7 +104,7 @@ def make_runner(
         hyperparams = {**state.opt_state.hyperparams, "learning_rate": rate}
         opt_state = state.opt_state._replace(hyperparams=hyperparams)
         updates, opt_state = optimizer.update(grads, opt_state, state.params)
-        params = optax.apply_updates(state.params, updates)
+        params = optax.apply_updates(state.params, frozen_updates(updates, config.frozen))
         ema = state.ema
         if config.ema_decay is not None:
             keep = config.ema_decay
