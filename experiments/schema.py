@@ -187,6 +187,10 @@ class TrainingConfig:
     log_every: int = 1
     test: bool = True  # False while tuning: the test split is touched once, by what was chosen on validation
     keep_diverged: bool = False  # True records a loss that is no number as accuracy 0 instead of stopping
+    # Folder of another training run whose weights this one starts from, and parts of the network that stay as they are.
+    init_from: str | None = None
+    frozen: list[str] = field(default_factory=list)
+    precision: str = "float32"
 
     def __post_init__(self) -> None:
         _check(self.epochs >= 1, "training.epochs", "at least 1 epoch", self.epochs)

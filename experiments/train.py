@@ -19,7 +19,7 @@ from cablejax.io import RunLogger
 from cablejax.nets import build_model
 from cablejax.ops import adaptive_filter, statistical_outliers
 from cablejax.simulate import DatasetConfig, Split, make_split, sample_clouds
-from cablejax.train import Metrics, TrainConfig, TrainingDiverged, TrainResult, evaluate, fit
+from cablejax.train import Metrics, TrainConfig, TrainingDiverged, TrainResult, evaluate, fit, initialise_from
 from cablejax.types import PointCloud
 from experiments import app
 from experiments.schema import Config
@@ -89,7 +89,19 @@ def training_config(cfg: Config) -> TrainConfig:
         label_smoothing=cfg.training.label_smoothing,
         seed=cfg.seed,
         keep_best=True,
+        frozen=tuple(cfg.training.frozen),
+        precision=cfg.training.precision,
     )
+
+
+def initial_model(cfg: Config, classes: int) -> nnx.Module:
+    """The network with fresh weights, or with `training.init_from` those of another run where they fit."""
+    model = build_model(cfg.model.name, classes, rngs=nnx.Rngs(cfg.seed), **cfg.model.options)
+    if cfg.training.init_from is None:
+        return model
+    started = initialise_from(model, cfg.training.init_from)
+    print(f"from {cfg.training.init_from}; fresh: {', '.join(started.kept) or 'nothing'}")
+    return started.model
 
 
 def held_out(cfg: Config, name: str) -> Split:
@@ -101,7 +113,7 @@ def held_out(cfg: Config, name: str) -> Split:
 def fitted(cfg: Config, folder: Path, log: RunLogger | None = None) -> TrainResult:
     """Train the configured network, or go on from what a killed run left in the folder."""
     classes = len(cfg.dataset.sizes_mm2)
-    model = build_model(cfg.model.name, classes, rngs=nnx.Rngs(cfg.seed), **cfg.model.options)
+    model = initial_model(cfg, classes)
     validation = held_out(cfg, "validation")
     return fit(model, training_clouds(cfg.dataset), validation, training_config(cfg), folder=folder, logger=log)
 

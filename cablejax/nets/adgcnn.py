@@ -10,9 +10,8 @@ from jaxtyping import Array, Bool, Float
 from cablejax.nets.aedgeconv import AEdgeConv
 from cablejax.nets.enhancement import FeatureEnhancement
 from cablejax.nets.fusion import FeatureFusion
-from cablejax.nets.head import Classifier, pool_points
-from cablejax.nets.init import he_normal, lecun_normal
-from cablejax.nets.norm import BatchNorm
+from cablejax.nets.head import Classifier, PooledLayer
+from cablejax.nets.init import lecun_normal
 from cablejax.nets.pose import PosedClouds, pose_channels, pose_clouds
 from cablejax.ops.raster import cylinder_raster, raster_taps, sample_raster
 
@@ -37,6 +36,8 @@ class ADGCNN(nnx.Module):
         raster_width: Channels of the raster's convolutions.
         half_length_mm: Half the length of cable that the raster covers.
         scale_mm: Length that becomes 1 at the input.
+        shared_width: Channels of the shared layer before pooling.
+        head: Channels of the classifier's hidden layers.
         dropout: Rate in the classifier; the paper has none.
     """
 
@@ -54,6 +55,8 @@ class ADGCNN(nnx.Module):
         raster_width: int = 64,
         half_length_mm: float = 60.0,
         scale_mm: float = 20.0,
+        shared_width: int = 512,
+        head: Sequence[int] = (256, 128),
         dropout: float = 0.0,
         rngs: nnx.Rngs,
     ):
@@ -82,13 +85,15 @@ class ADGCNN(nnx.Module):
             if enhancement or fusion
             else None
         )
-        self.shared = nnx.Linear(sum(widths), 512, use_bias=False, kernel_init=he_normal, rngs=rngs)
-        self.shared_norm = BatchNorm(512)
-        self.classifier = Classifier(1024, (256, 128), num_classes, dropout=dropout, rngs=rngs)
+        self.shared = PooledLayer(sum(widths), shared_width, rngs=rngs)
+        self.classifier = Classifier(2 * shared_width, tuple(head), num_classes, dropout=dropout, rngs=rngs)
 
     def __call__(self, xyz: Float[Array, "b n 3"], mask: Bool[Array, "b n"]) -> Float[Array, "b classes"]:
         """Logits `[b, C]` of clouds in mm; rows where `mask` is False change nothing."""
-        posed = pose_clouds(xyz, mask, pose=self.pose, scale_mm=self.scale_mm)
+        return self.classify(pose_clouds(xyz, mask, pose=self.pose, scale_mm=self.scale_mm), mask)
+
+    def classify(self, posed: PosedClouds, mask: Bool[Array, "b n"]) -> Float[Array, "b classes"]:
+        """Logits `[b, C]` of clouds that are posed already."""
         x, maps = posed.features, []
         for layer in self.layers:
             x = layer(x, mask)
@@ -96,9 +101,7 @@ class ADGCNN(nnx.Module):
         joined = jnp.concatenate(maps, axis=-1)
         if self.raster is not None:
             joined = joined + self._unrolled(maps, posed, mask)
-        valid = mask.astype(jnp.float32)
-        points = jax.nn.leaky_relu(self.shared_norm(self.shared(joined), valid), 0.2)
-        return self.classifier(pool_points(points, mask))
+        return self.classifier(self.shared(joined, mask))
 
     def _unrolled(self, maps: list[Array], posed: PosedClouds, mask: Array) -> Float[Array, "b n d"]:
         """The share of the raster stage in the points' features."""

@@ -9,7 +9,8 @@ from jaxtyping import Array, Bool, Float
 
 from cablejax.nets.init import he_normal, lecun_normal
 from cablejax.nets.norm import BatchNorm
-from cablejax.ops.edges import AttentionWeights, aggregate_edges, edge_products, edge_statistics, feature_graph
+from cablejax.ops.edges import AttentionWeights, aggregate_edges, edge_products, edge_statistics
+from cablejax.ops.feature_graph import feature_graph
 
 
 class ChannelAttention(nnx.Module):

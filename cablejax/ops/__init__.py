@@ -9,10 +9,10 @@ from cablejax.ops.edges import (
     channel_attention,
     edge_conv,
     edge_features,
-    feature_graph,
     neighbor_max,
     neighbor_sum,
 )
+from cablejax.ops.feature_graph import feature_graph
 from cablejax.ops.filter_width import Trial, choose_alpha, pilot_step
 from cablejax.ops.filters import FilterResult, adaptive_filter, width_trial
 from cablejax.ops.moments import LocalMoments, local_moments, masked_covariance, masked_mean, masked_variance

@@ -90,12 +90,21 @@ def cylinder_frame(
         along, *across = jnp.moveaxis((xyz - centroid[None, :]) @ rotation.T / scale, 1, 0)
         return _fit_bent_circle(along, jnp.stack(across, axis=1), weight, iterations=iterations)
 
-    lines, _, radii, costs = jax.vmap(fit)(candidates)
-    first = jnp.argmin(jnp.where(jnp.isfinite(costs) & (radii < WIDEST), costs, jnp.inf))
-    # A tilted section is an ellipse: turn the axis along the centre line and fit again.
-    rotation = _tilted(candidates[first], lines[first, 1])
-    rotation = _tilted(rotation, fit(rotation)[0][1])
-    _, across, radius, cost = fit(rotation)
+    def step(found: tuple[Array, ...], turn: Array) -> tuple[tuple[Array, ...], tuple[Array, Array, Array]]:
+        least, rotation, slope = found
+        trying = turn < 3
+        # A tilted section is an ellipse: turn the axis along the centre line and fit again.
+        new = jnp.where(trying, candidates[jnp.minimum(turn, 2)], _tilted(rotation, slope))
+        line, across, radius, cost = fit(new)
+        score = jnp.where(jnp.isfinite(cost) & (radius < WIDEST), cost, jnp.inf)
+        take = ~trying | (turn == 0) | (score < least)
+        best = (jnp.where(take, score, least), jnp.where(take, new, rotation), jnp.where(take, line[1], slope))
+        return best, (across, radius, cost)
+
+    # One loop, so that the fit is compiled once: three directions, then two turns of the best.
+    start = (jnp.array(jnp.inf, xyz.dtype), principal, jnp.zeros(2, xyz.dtype))
+    (_, rotation, _), last = jax.lax.scan(step, start, jnp.arange(5))
+    across, radius, cost = (each[-1] for each in last)
     across, fitted = across * scale, radius * scale
     along = (xyz - centroid[None, :]) @ rotation[0]
     mean_x, mean_y = jnp.sum(across * weight[:, None], axis=0)
@@ -166,7 +175,8 @@ def _least_squares(
     """Weighted least squares by the normal equations, with a ridge of 1e-6 of their mean diagonal."""
     normal = jnp.matmul((rows * weight[:, None]).T, rows, precision=jax.lax.Precision.HIGHEST)
     ridge = 1e-6 * jnp.trace(normal) / rows.shape[1] + 1e-12
-    return jnp.linalg.solve(normal + ridge * jnp.eye(rows.shape[1]), (rows * weight[:, None]).T @ values)
+    factor = jax.lax.linalg.cholesky(normal + ridge * jnp.eye(rows.shape[1]))
+    return jax.scipy.linalg.cho_solve((factor, True), (rows * weight[:, None]).T @ values)
 
 
 class RasterTaps(NamedTuple):
@@ -254,5 +264,7 @@ def sample_raster(grid: Float[Array, "h w c"], taps: RasterTaps) -> Float[Array,
 
 def _share_matrix(taps: RasterTaps, cells: int) -> Float[Array, "n cells"]:
     """The bilinear shares as a dense matrix `[n, cells]`."""
-    chosen = taps.cells[:, :, None] == jnp.arange(cells)[None, None, :]
-    return jnp.sum(jnp.where(chosen, taps.shares[:, :, None], 0.0), axis=1)
+    n = taps.cells.shape[0]
+    flat = taps.cells + cells * jnp.arange(n)[:, None]
+    dense = jnp.zeros(n * cells, taps.shares.dtype).at[flat.reshape(-1)].add(taps.shares.reshape(-1))
+    return dense.reshape(n, cells)

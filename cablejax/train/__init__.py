@@ -14,6 +14,8 @@ from cablejax.train.metrics import (
     overall_accuracy,
 )
 from cablejax.train.optimizers import OPTIMIZERS, make_optimizer
+from cablejax.train.together import fit_together
+from cablejax.train.transfer import Transferred, initialise_from
 
 __all__ = [
     "OPTIMIZERS",
@@ -23,12 +25,15 @@ __all__ = [
     "TrainConfig",
     "TrainResult",
     "TrainingDiverged",
+    "Transferred",
     "best_epoch",
     "class_average_accuracy",
     "confusion_matrix",
     "cross_entropy",
     "evaluate",
     "fit",
+    "fit_together",
+    "initialise_from",
     "make_optimizer",
     "overall_accuracy",
 ]

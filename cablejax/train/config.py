@@ -5,6 +5,8 @@ from typing import Any
 
 from cablejax.train.optimizers import OPTIMIZERS
 
+MATMUL_PRECISION: dict[str, str | None] = {"float32": None, "bfloat16": "BF16_BF16_F32"}
+
 
 @dataclasses.dataclass
 class TrainConfig:
@@ -27,6 +29,11 @@ class TrainConfig:
         patience: Stop after this many epochs without a better validation accuracy; None runs to the end.
         keep_best: Return the weights of the epoch with the best validation accuracy (of equals the lowest loss), not the
             last ones.
+        frozen: Parts of the network whose parameters stay as they are, by dotted name ("layers", "layers.0"); their
+            running statistics still follow the data.
+        precision: "float32", or "bfloat16": matrix products of the forward and backward pass take their factors rounded to
+            bfloat16 and add up in float32, on devices that can (a CPU goes on in float32). Weights, statistics and the
+            neighbour graph stay in float32.
         steps_per_dispatch: Steps that run as one compiled call, at most.
         eval_batch_size: Clouds at a time in evaluation.
     """
@@ -44,6 +51,8 @@ class TrainConfig:
     ema_decay: float | None = None
     patience: int | None = None
     keep_best: bool = False
+    frozen: tuple[str, ...] = ()
+    precision: str = "float32"
     steps_per_dispatch: int = 10
     eval_batch_size: int = 32
 
@@ -53,6 +62,8 @@ class TrainConfig:
             raise ValueError(f"optimizer: expected one of {', '.join(OPTIMIZERS)}, got {self.optimizer!r}")
         if self.schedule not in ("constant", "cosine"):
             raise ValueError(f"schedule: expected constant or cosine, got {self.schedule!r}")
+        if self.precision not in MATMUL_PRECISION:
+            raise ValueError(f"precision: expected one of {', '.join(MATMUL_PRECISION)}, got {self.precision!r}")
         for name in ("epochs", "batch_size", "steps_per_dispatch", "eval_batch_size"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name}: expected 1 or more, got {getattr(self, name)}")

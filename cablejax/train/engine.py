@@ -14,6 +14,7 @@ from cablejax.train.config import TrainConfig
 from cablejax.train.history import EpochRecord
 from cablejax.train.metrics import Clouds, Metrics, predict, score
 from cablejax.train.optimizers import OPTIMIZERS, make_optimizer
+from cablejax.train.placement import Placement
 from cablejax.train.step import Data, Schedule, StepReport, TrainState, make_runner, rate_at
 
 
@@ -74,19 +75,22 @@ class Engine:
         model: In any mode; its arrays are copied.
         config: Settings, valid.
         plan: From `make_plan`.
+        placement: Devices; None takes the default one alone.
     """
 
-    def __init__(self, model: nnx.Module, config: TrainConfig, plan: Plan):
+    def __init__(self, model: nnx.Module, config: TrainConfig, plan: Plan, placement: Placement | None = None):
         self.config, self.plan = config, plan
+        self.placement = Placement(jax.local_devices()[:1]) if placement is None else placement
+        self.placement.check(plan.batch_size)
         self.full_set = OPTIMIZERS[config.optimizer].full_set
         self.optimizer = make_optimizer(
             config.optimizer, config.learning_rate, clip_norm=config.clip_norm, **config.optimizer_options
         )
         updates = 1 if self.full_set else plan.batches
         self.schedule = Schedule(
-            jnp.float32(config.learning_rate),
-            jnp.float32(config.warmup_epochs * updates),
-            jnp.float32(config.epochs * updates),
+            np.float32(config.learning_rate),
+            np.float32(config.warmup_epochs * updates),
+            np.float32(config.epochs * updates),
         )
         own = nnx.merge(*nnx.split(model), copy=True)
         own.train()
@@ -101,7 +105,11 @@ class Engine:
         params, rest = jax.tree.map(jnp.copy, (self._params, self._rest))
         ema = None if self.config.ema_decay is None else jax.tree.map(jnp.copy, params)
         opt_state = jax.tree.map(lambda x: jax.lax.convert_element_type(x, x.dtype), self.optimizer.init(params))
-        return TrainState(params, rest, opt_state, ema, jnp.zeros((), jnp.int32))
+        return self.placement.replicate(TrainState(params, rest, opt_state, ema, jnp.zeros((), jnp.int32)))
+
+    def put(self, clouds: Clouds) -> Data:
+        """The arrays of labelled clouds on the devices."""
+        return self.placement.replicate(tuple(np.asarray(each) for each in (clouds.xyz, clouds.mask, clouds.label)))
 
     def train_epoch(
         self, state: TrainState, data: Data, epoch: int, *, on_batches: Callable[[int], object] = lambda done: None
@@ -118,11 +126,11 @@ class Engine:
             TrainingDiverged: If a loss is not finite.
         """
         rows = epoch_rows(self.config.seed, epoch, len(data[2]), self.plan)
-        run = self._compiled(state, data, rows[0])
+        run = self._compiled(state, data, self.placement.cut(rows[0]))
         start = time.perf_counter()
         reports = []
         for call, part in enumerate(rows):
-            state, report = run(state, data, part, self.schedule)
+            state, report = run(state, data, self.placement.cut(part), self.schedule)
             report = jax.device_get(report)
             reports.append(report)
             self._check(report, state, epoch, call, part)
@@ -136,7 +144,9 @@ class Engine:
             validation_loss=None,
             validation_overall=None,
             validation_class_average=None,
-            learning_rate=float(rate_at(state.step - 1, self.schedule, kind=self.config.schedule)),
+            learning_rate=float(
+                rate_at(self.placement.local(state.step) - 1, self.schedule, kind=self.config.schedule)
+            ),
             grad_norm=float(norm.mean(dtype=np.float64)),
             seconds=seconds,
         )
@@ -148,20 +158,22 @@ class Engine:
 
     def evaluate(self, state: TrainState, split: Clouds) -> Metrics:
         """Metrics of the current weights on a split, in evaluation mode."""
-        merged = nnx.merge_state(*self.weights(state))
+        merged = nnx.merge_state(*self.placement.local(self.weights(state)))
         logits = predict(self.eval_graphdef, merged, split, batch_size=self.config.eval_batch_size)
         return score(logits, np.asarray(split.label))
 
     def model(self, weights: tuple[Any, Any]) -> nnx.Module:
         """A model of its own in evaluation mode."""
-        return nnx.merge(self.eval_graphdef, *weights, copy=True)
+        return nnx.merge(self.eval_graphdef, *self.placement.local(weights), copy=True)
 
     def _compiled(self, state: TrainState, data: Data, rows: Array) -> Callable[..., tuple[TrainState, StepReport]]:
         """The compiled training call; compiles on first use."""
         if self._run is None:
             start = time.perf_counter()
             function = make_runner(self.graphdef, self.optimizer, self.config, full_set=self.full_set)
-            self._run = jax.jit(function, donate_argnums=0).lower(state, data, rows, self.schedule).compile()
+            everywhere = None if len(self.placement.devices) == 1 else self.placement.everywhere
+            jitted = jax.jit(function, donate_argnums=0, out_shardings=everywhere)
+            self._run = jitted.lower(state, data, rows, self.schedule).compile()
             self.compile_seconds = time.perf_counter() - start
         return self._run
 

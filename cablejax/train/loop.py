@@ -2,7 +2,7 @@
 
 import dataclasses
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -15,8 +15,9 @@ from cablejax.train.config import TrainConfig
 from cablejax.train.engine import Engine, TrainingDiverged, make_plan
 from cablejax.train.history import EpochRecord, best_epoch, out_of_patience
 from cablejax.train.metrics import Clouds
+from cablejax.train.placement import Placement
 from cablejax.train.resume import RunFolder, data_checksum
-from cablejax.train.step import Data, TrainState
+from cablejax.train.step import TrainState
 
 TrainData = Clouds | Callable[[int], Clouds]
 
@@ -48,6 +49,7 @@ def fit(
     folder: str | os.PathLike[str] | None = None,
     logger: RunLogger | None = None,
     progress: bool = True,
+    devices: Sequence[jax.Device] | None = None,
 ) -> TrainResult:
     """Train a model; the one given is not changed.
 
@@ -63,21 +65,23 @@ def fit(
         folder: The run's own; None keeps nothing.
         logger: Where curves go.
         progress: Show a progress bar where the output is a terminal.
+        devices: Each batch is cut over these; None takes all there are, those of other processes included.
 
     Returns:
         The trained model and its history.
 
     Raises:
-        ValueError: If a setting is out of range, a split is empty, or `folder` holds another run.
+        ValueError: If a setting is out of range, a split is empty, a batch cannot be cut over the devices, or `folder`
+            holds another run.
         TrainingDiverged: If a loss is not finite; it names step and batch and, with `folder`, where the state lies.
     """
     config.validate()
     first = train(0) if callable(train) else train
     plan = make_plan(len(first.label), config)
-    engine = Engine(model, config, plan)
+    engine = Engine(model, config, plan, Placement(devices))
     run = None if folder is None else RunFolder(folder, config, data_checksum(first, validation))
     state, best, history = _start(engine, run)
-    data = _on_device(first)
+    data = engine.put(first)
     bar = tqdm(
         total=config.epochs * plan.batches,
         initial=len(history) * plan.batches,
@@ -91,17 +95,18 @@ def fit(
             if out_of_patience(history, config.patience):
                 break
             if callable(train) and epoch > 0:
-                data = _on_device(train(epoch))
+                data = engine.put(train(epoch))
             try:
                 state, record = engine.train_epoch(state, data, epoch, on_batches=bar.update)
             except TrainingDiverged as error:
-                raise _kept(error, run) from None
+                raise _kept(error, run, engine.placement) from None
             if validation is not None:
                 record = record.with_validation(engine.evaluate(state, validation))
             history.append(record)
             if config.keep_best and best_epoch(history) == record.epoch:
                 best = jax.tree.map(jnp.copy, engine.weights(state))
-            _report(record, history, (state, best), run, logger, bar)
+            tree = engine.placement.local((state, best))
+            _report(record, history, tree, run if engine.placement.writes else None, logger, bar)
 
     trained = engine.model(best if config.keep_best else engine.weights(state))
     seconds = sum(each.seconds for each in history)
@@ -112,22 +117,18 @@ def _start(engine: Engine, run: RunFolder | None) -> tuple[TrainState, Any, list
     """State, best weights and history to begin with: the folder's, or fresh ones."""
     state = engine.initial_state()
     best = jax.tree.map(jnp.copy, engine.weights(state)) if engine.config.keep_best else None
-    found = None if run is None else run.load((state, best))
+    found = None if run is None else run.load(engine.placement.local((state, best)))
     if found is None:
         return state, best, []
-    (state, best), history = found
+    (state, best), history = engine.placement.replicate(found[0]), found[1]
     return state, best, [EpochRecord(**each) for each in history]
 
 
-def _on_device(clouds: Clouds) -> Data:
-    return jnp.asarray(clouds.xyz), jnp.asarray(clouds.mask), jnp.asarray(clouds.label)
-
-
-def _kept(error: TrainingDiverged, run: RunFolder | None) -> TrainingDiverged:
+def _kept(error: TrainingDiverged, run: RunFolder | None, placement: Placement) -> TrainingDiverged:
     """The error, with the state written beside the checkpoints and the place named."""
-    if run is None:
+    if run is None or not placement.writes:
         return error
-    path = run.save_diverged(error.details["step"], error.state, error.details)
+    path = run.save_diverged(error.details["step"], placement.local(error.state), error.details)
     return TrainingDiverged(f"{error}; the state is in {path}", error.state, error.details)
 
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 import hashlib
+import json
 import os
 from pathlib import Path
 from typing import Any
@@ -35,7 +36,11 @@ class RunFolder:
 
     def __init__(self, folder: str | os.PathLike[str], config: TrainConfig, checksum: str):
         self.folder = Path(folder).absolute()
-        self.identity: dict[str, Any] = {"config": dataclasses.asdict(config), "data": checksum}
+        self.identity: dict[str, Any] = {
+            # As JSON will give it back: tuples are lists there.
+            "config": json.loads(json.dumps(dataclasses.asdict(config))),
+            "data": checksum,
+        }
 
     def load(self, like: Any) -> tuple[Any, list[dict[str, Any]]] | None:
         """The newest whole checkpoint as `(tree, history)`, None in a fresh folder.

@@ -9,8 +9,9 @@ import optax
 from flax import nnx
 from jaxtyping import Array, Float, Int
 
-from cablejax.train.config import TrainConfig
+from cablejax.train.config import MATMUL_PRECISION, TrainConfig
 from cablejax.train.losses import cross_entropy
+from cablejax.train.transfer import frozen_updates
 
 
 class TrainState(NamedTuple):
@@ -94,7 +95,8 @@ def make_runner(
 
     def gradient(params: Any, rest: Any, data: Data, row: Array) -> tuple[Any, Any, StepReport]:
         batch = [jnp.take(each, row, axis=0) for each in data]
-        (loss, (rest, correct)), grads = jax.value_and_grad(loss_of, has_aux=True)(params, rest, *batch)
+        with jax.default_matmul_precision(MATMUL_PRECISION[config.precision]):
+            (loss, (rest, correct)), grads = jax.value_and_grad(loss_of, has_aux=True)(params, rest, *batch)
         return grads, rest, StepReport(loss, correct, optax.tree.norm(grads))
 
     def update(state: TrainState, grads: Any, rest: Any, schedule: Schedule) -> TrainState:
@@ -102,7 +104,7 @@ def make_runner(
         hyperparams = {**state.opt_state.hyperparams, "learning_rate": rate}
         opt_state = state.opt_state._replace(hyperparams=hyperparams)
         updates, opt_state = optimizer.update(grads, opt_state, state.params)
-        params = optax.apply_updates(state.params, updates)
+        params = optax.apply_updates(state.params, frozen_updates(updates, config.frozen))
         ema = state.ema
         if config.ema_decay is not None:
             keep = config.ema_decay

@@ -6,7 +6,6 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -14,46 +13,13 @@ import numpy as np
 import pytest
 from flax import nnx
 
-from cablejax.train import TrainConfig, TrainingDiverged, cross_entropy, evaluate, fit
+from cablejax.train import TrainingDiverged, cross_entropy, evaluate, fit
+from cablejax.train.engine import Engine, epoch_rows, make_plan
 from cablejax.train.metrics import class_average_accuracy, confusion_matrix, overall_accuracy
+from cablejax.train.step import make_runner
+from tests.train.tiny import Tiny, settings, split, weights
 
 ROOT = Path(__file__).resolve().parents[2]
-
-
-class Split(NamedTuple):
-    xyz: np.ndarray
-    mask: np.ndarray
-    label: np.ndarray
-
-
-def split(clouds=24, seed=0):
-    """Clouds whose class is their size."""
-    rng = np.random.default_rng(seed)
-    label = (np.arange(clouds) % 3).astype(np.int32)
-    xyz = rng.normal(size=(clouds, 8, 3)) * (1.0 + label[:, None, None])
-    return Split(xyz.astype(np.float32), np.ones((clouds, 8), bool), label)
-
-
-class Tiny(nnx.Module):
-    """A network of the library's call signature, with everything a state can hold."""
-
-    def __init__(self, rngs):
-        self.hidden = nnx.Linear(3, 16, rngs=rngs)
-        self.norm = nnx.BatchNorm(16, momentum=0.9, use_fast_variance=False, rngs=rngs)
-        self.dropout = nnx.Dropout(0.1, rngs=rngs)
-        self.out = nnx.Linear(16, 3, rngs=rngs)
-
-    def __call__(self, xyz, mask):
-        pooled = jnp.sqrt(jnp.mean(xyz**2, axis=1, where=mask[..., None]))
-        return self.out(self.dropout(jax.nn.relu(self.norm(self.hidden(pooled)))))
-
-
-def settings(**changes):
-    return TrainConfig(**{"optimizer": "adam", "learning_rate": 0.02, "epochs": 6, "batch_size": 8, **changes})
-
-
-def weights(result):
-    return [np.asarray(leaf) for leaf in jax.tree.leaves(nnx.state(result.model, nnx.Param))]
 
 
 def test_learns_and_leaves_the_given_model_alone():
@@ -96,9 +62,13 @@ def test_resumed_equals_uninterrupted(tmp_path, changes):
         assert a.scalars() | {"train/seconds": 0} == b.scalars() | {"train/seconds": 0}
 
 
+KILLS = int(os.environ.get("CABLEJAX_KILLS", "2"))  # 20 for the long form
 CHILD = """
 import sys
-from tests.train.test_fit import *
+import numpy as np
+from flax import nnx
+from cablejax.train import fit
+from tests.train.tiny import *
 result = fit(Tiny(nnx.Rngs(0)), split(), split(seed=1), settings(epochs=60), folder=sys.argv[1], progress=False)
 np.savez(sys.argv[2], *weights(result))
 """
@@ -107,7 +77,7 @@ np.savez(sys.argv[2], *weights(result))
 def test_killed_runs_end_bit_identical(tmp_path):
     command = [sys.executable, "-c", CHILD, str(tmp_path / "run"), str(tmp_path / "end.npz")]
     rng = np.random.default_rng(0)
-    for _ in range(3):
+    for _ in range(KILLS):
         child = subprocess.Popen(command, cwd=ROOT, env=os.environ)
         while not list((tmp_path / "run").rglob("*.ckpt")) and child.poll() is None:
             time.sleep(0.01)
@@ -159,6 +129,18 @@ def test_sgd_takes_one_step_with_the_gradient_of_the_whole_set():
         np.testing.assert_allclose(a, b, rtol=1e-5, atol=1e-6)
 
 
+@pytest.mark.parametrize("precision", ["float32", "bfloat16"])
+def test_precision_reaches_every_product(precision):
+    config = settings(precision=precision)
+    engine = Engine(Tiny(nnx.Rngs(0)), config, make_plan(24, config))
+    state, data = engine.initial_state(), engine.put(split())
+    run = make_runner(engine.graphdef, engine.optimizer, config, full_set=False)
+    text = jax.jit(run).lower(state, data, epoch_rows(0, 0, 24, engine.plan)[0], engine.schedule).as_text()
+    products = [line for line in text.splitlines() if "dot_general" in line and "stablehlo" in line]
+    assert len(products) >= 5  # two forward; for the kernels two more, for the hidden layer's output one
+    assert all(("bf16" in line) == (precision == "bfloat16") for line in products)
+
+
 def test_early_stopping_returns_the_best_epoch():
     config = settings(epochs=50, patience=2, keep_best=True, learning_rate=1e-6)
     result = fit(Tiny(nnx.Rngs(0)), split(), split(seed=1), config, progress=False)
@@ -182,7 +164,15 @@ def test_cross_entropy_equals_numpy():
 
 
 @pytest.mark.parametrize(
-    "change", [{"epochs": 0}, {"optimizer": "x"}, {"label_smoothing": 1.0}, {"schedule": "step"}, {"patience": 0}]
+    "change",
+    [
+        {"epochs": 0},
+        {"optimizer": "x"},
+        {"label_smoothing": 1.0},
+        {"schedule": "step"},
+        {"patience": 0},
+        {"precision": "half"},
+    ],
 )
 def test_settings_out_of_range_are_named(change):
     with pytest.raises(ValueError, match=next(iter(change))):

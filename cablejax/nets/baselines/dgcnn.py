@@ -1,14 +1,11 @@
 """DGCNN (Wang et al. 2019), the classification network, on the cloud's points."""
 
-import jax
 import jax.numpy as jnp
 from flax import nnx
 from jaxtyping import Array, Bool, Float
 
 from cablejax.nets.aedgeconv import AEdgeConv
-from cablejax.nets.head import Classifier, pool_points
-from cablejax.nets.init import he_normal
-from cablejax.nets.norm import BatchNorm
+from cablejax.nets.head import Classifier, PooledLayer
 from cablejax.nets.pose import pose_channels, pose_clouds
 
 
@@ -43,8 +40,7 @@ class DGCNN(nnx.Module):
         self.layers = nnx.List(
             [AEdgeConv(c, d, k=k, attention=False, rngs=rngs) for c, d in zip(inputs, widths, strict=True)]
         )
-        self.shared = nnx.Linear(sum(widths), 1024, use_bias=False, kernel_init=he_normal, rngs=rngs)
-        self.norm = BatchNorm(1024)
+        self.shared = PooledLayer(sum(widths), 1024, rngs=rngs)
         self.classifier = Classifier(2048, (512, 256), num_classes, dropout=dropout, rngs=rngs)
 
     def __call__(self, xyz: Float[Array, "b n 3"], mask: Bool[Array, "b n"]) -> Float[Array, "b classes"]:
@@ -53,6 +49,4 @@ class DGCNN(nnx.Module):
         for layer in self.layers:
             x = layer(x, mask)
             maps.append(x)
-        joined = self.shared(jnp.concatenate(maps, axis=-1))
-        points = jax.nn.leaky_relu(self.norm(joined, mask.astype(jnp.float32)), 0.2)
-        return self.classifier(pool_points(points, mask))
+        return self.classifier(self.shared(jnp.concatenate(maps, axis=-1), mask))

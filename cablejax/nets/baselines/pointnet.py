@@ -1,6 +1,7 @@
 """PointNet (Qi et al. 2017), the classification network, on the cloud's points."""
 
 from collections.abc import Sequence
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -49,7 +50,7 @@ class Alignment(nnx.Module):
         self.head.logits.kernel[...] = jnp.zeros_like(self.head.logits.kernel[...])
 
     def __call__(self, x: Float[Array, "b n c"], mask: Bool[Array, "b n"]) -> Float[Array, "b n c"]:
-        matrix = self.head(pool_points(self.points(x, mask), mask, mean=False))
+        matrix = self.head(jax.vmap(partial(pool_points, mean=False))(self.points(x, mask), mask))
         matrix = matrix.reshape(-1, self.features, self.features)
         return x + jnp.einsum("bnc,bcd->bnd", x, matrix)
 
@@ -91,4 +92,4 @@ class PointNet(nnx.Module):
         x = pose_clouds(xyz, mask, pose=self.pose, scale_mm=self.scale_mm).features
         x = self.low(self.align_input(x, mask), mask)
         x = self.high(self.align_features(x, mask), mask)
-        return self.classifier(pool_points(x, mask, mean=False))
+        return self.classifier(jax.vmap(partial(pool_points, mean=False))(x, mask))
