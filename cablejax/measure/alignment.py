@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 BIN_DEG = 5.0
+OVAL_DEG = 165.0  # of circumference, from which an oval section shows
 VISIBLE = np.radians(78.0)  # to either side of a station: beams that graze more give no point
 
 
@@ -109,8 +110,10 @@ def shared_errors(
     guesses = [(0.0, 1.0, np.zeros_like(cos))] if given_std_mm == 0 or not views else []
     for view in views:
         guesses += [(size, 1 / len(views) / len(sizes), size**2 * cos * (view.T @ view)) for size in sizes]
-    # An oval section is no error: without guesses of its own it would pass for shifted stations.
-    ovals = np.geomspace(0.1, 30.0, 20) * noise
+    # An oval section is no error: without guesses of its own it would pass for shifted stations. A short arc is taken
+    # for round.
+    wide = BIN_DEG * len(middle) >= OVAL_DEG
+    ovals = np.geomspace(0.1, 30.0, 20 if wide else 0) * noise
     twice = np.cos(2 * (middle[:, None] - middle[None, :]))
     guesses += [(0.0, 1 / len(ovals), amplitude**2 * twice) for amplitude in ovals]
     floor = np.diag(variance + 1e-9 * noise**2)

@@ -55,14 +55,14 @@ def _jumps(along: np.ndarray, middle: np.ndarray, length: float) -> list[int]:
     step = np.diff(middle)
     cuts = []
     for chunk in np.flatnonzero(np.abs(step) > 0.1 * length):
-        first = max(0, (chunk - 1) * CHUNK)
+        first = max(0, (int(chunk) - 1) * CHUNK)
         window = along[first : (chunk + 3) * CHUNK]
         before, after = middle[max(chunk - 1, 0)], middle[min(chunk + 2, len(middle) - 1)]
         if abs(after - before) < 0.1 * length:
             continue  # a chunk in the middle of the jump, or one stray chunk
         nearer = np.abs(window - after) < np.abs(window - before)
         errors = np.concatenate([[0], np.cumsum(nearer)]) + np.concatenate([np.cumsum(~nearer[::-1])[::-1], [0]])
-        cuts.append(first + int(np.argmin(errors)))
+        cuts.append(int(first) + int(np.argmin(errors)))
     cuts += [int(row) * CHUNK for row in _turns(middle, step, length)]
     return sorted(cuts)
 
