@@ -8,7 +8,7 @@ from cablejax.measure.fit import CableFit
 from cablejax.measure.result import BudgetLine
 
 COVERAGE = 1.96
-STEEP = 90.0  # noise s of a tenth of the radius R moves a diameter by about its own size, by what is of third order in s / R
+STEEP = 150.0  # noise s of a tenth of the radius R moves a diameter by about its own size, by what is of third order in s / R
 ROUNDING = 1e-5
 UNSEEN = 2.0  # on simulated scans with unknown sweeps the error is this much larger than the guessed stations explain
 

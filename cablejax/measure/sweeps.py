@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 from cablejax.measure.axis import Place
 
 CHUNK = 48  # rows that are looked at together
-LEAST_ROWS = 400  # in a sweep; shorter runs join the one before
+LEAST_ROWS = 150  # in a sweep; shorter runs join the one before
 GRAZING = 0.35  # share of a sweep's densest directions below which the beam grazes: the cosine of 70 degrees
 BIN_DEG = 2.5
 LEAST_DENSE = 16.0  # points in such a bin, below which an edge cannot be seen for chance, and nothing is left out
