@@ -1,22 +1,32 @@
 """Accuracy of the measured diameter on simulated scans with known truth, beside a RANSAC cylinder.
 
-    python -m benchmarks.measure --scans 13 --out results/measure_accuracy.json
+    CABLEJAX_DATA=... python -m benchmarks.measure --scans 13 --out results/benchmarks/measure.json
 
-Each row is a preset, an arc and a share of outliers; each scan another cable size and another random key. "stations" is
-the measurement with each point's scanner position given, "blind" without. The peer is what is commonly done: a straight
-cylinder through pairs of oriented points by RANSAC, fitted to its inliers by least squares.
+Each row is a preset, an arc and a share of outliers; each scan another cable size and another random key. "in scan order"
+is the measurement of the rows as the scanner gave them, so that the sweeps show; "shuffled" of the same rows in random
+order. The peer is what is commonly done: a straight cylinder through pairs of oriented points by RANSAC, fitted to its
+inliers by least squares. With CABLEJAX_DATA the cylinders of Fit4CAD follow, with noise of 0.5 % of the radius added.
+`benchmarks.coverage` looks at the interval.
 """
 
 import argparse
 import math
+import os
+import re
 import time
+from collections.abc import Iterator
+from pathlib import Path
 
 import jax
 import numpy as np
 
 from cablejax.io import provenance, write_json
 from cablejax.measure import MeasureError, measure_cable
+from cablejax.measure.axis import sampled
+from cablejax.measure.cylinder import frame
+from cablejax.measure.fit import fit_cable
 from cablejax.measure.search import find_candidates
+from cablejax.measure.sections import arc_of
 from cablejax.measure.thinning import surface
 from cablejax.simulate import catalogue, simulate_scan
 
@@ -26,6 +36,7 @@ ROWS = (
     ("quarter arc, 10 % outliers", {"arc_deg": 90.0, "outlier_fraction": 0.1}),
     ("60 degree arc", {"arc_deg": 60.0, "outlier_fraction": 0.02}),
 )
+METHODS = ("RANSAC cylinder", "in scan order", "shuffled")
 
 
 def ransac_diameter(xyz: np.ndarray, seed: int) -> float:
@@ -38,15 +49,18 @@ def one_scan(options: dict, *, index: int, preset: str, points: int) -> list[dic
     """Errors and claims of every method on one scan."""
     cables = catalogue()
     cable = cables[index % len(cables)]
-    extra = {"bend_radius_mm": 15 * cable.diameter_mm} if options.get("shape") == "bend" else {}
+    extra: dict = {"length_mm": 13.5 * cable.diameter_mm}
+    if options.get("shape") == "bend":
+        extra["bend_radius_mm"] = 15 * cable.diameter_mm
     scan = simulate_scan(cable, n_points=points, preset=preset, key=jax.random.key(1000 + index), **options, **extra)
-    xyz, station = np.asarray(scan.xyz_mm, dtype=np.float64), np.asarray(scan.station)
+    xyz = np.asarray(scan.xyz_mm, dtype=np.float64)
+    shuffled = np.random.default_rng(index).permutation(xyz)
     sizes = {other.name: other.diameter_mm for other in cables}
-    out = [{"method": "RANSAC cylinder", "error_mm": ransac_diameter(xyz, index) - scan.true_diameter_mm}]
-    for method, label in (("blind", None), ("stations", station)):
+    out = [{"method": METHODS[0], "error_mm": ransac_diameter(xyz, index) - scan.true_diameter_mm}]
+    for method, given in ((METHODS[1], xyz), (METHODS[2], shuffled)):
         start = time.perf_counter()
         try:
-            result = measure_cable(xyz, station=label, catalogue=sizes)
+            result = measure_cable(given, catalogue=sizes)
         except MeasureError as error:
             out.append({"method": method, "refused": str(error)})
             continue
@@ -73,6 +87,65 @@ def summary(rows: list[dict]) -> dict[str, float | int]:
     return out
 
 
+def fit4cad_cylinders(folder: Path) -> Iterator[tuple[np.ndarray, float]]:
+    """Points and radius of every cylinder of the data set, whole files in turn."""
+    number = r"[-+]?[0-9.]+(?:e[-+]?[0-9]+)?"
+    for file in sorted(folder.glob("PC*_parametric.txt")):
+        stem = file.name.removesuffix("_parametric.txt")
+        triples = re.findall(rf"\[({number}),\s*({number}),\s*({number})\]", (folder / f"{stem}.txt").read_text())
+        xyz = np.array(triples, dtype=np.float64)
+        members = re.findall(r"\[([^\]]*)\]", (folder / f"{stem}_primitives.txt").read_text())
+        shapes = re.findall(r"\[(\w+), \[([^\]]*)\]\]", file.read_text())
+        for (kind, values), rows in zip(shapes, members, strict=True):
+            if kind == "Cylinder":
+                index = np.array(rows.replace(",", " ").split(), dtype=int) - 1
+                yield xyz[index], float(np.linalg.norm(np.array(values.split(), dtype=float)[:3]))
+
+
+def segmented(xyz: np.ndarray) -> tuple[float, float]:
+    """Radius and arc in degrees of points that are known to be one straight cylinder's: the fit without the search.
+
+    Normals give the direction of the axis, Kasa's circle the start of the fit that `measure_cable` makes.
+    """
+    near = surface(xyz)
+    along = np.linalg.svd(near.normals, full_matrices=False)[2][2]
+    across = frame(along)
+    flat = xyz @ across.T
+    middle = flat.mean(axis=0)
+    system = np.concatenate([2 * (flat - middle), np.ones((len(flat), 1))], axis=1)
+    circle = np.linalg.lstsq(system, np.sum((flat - middle) ** 2, axis=1), rcond=None)[0]
+    radius = float(np.sqrt(circle[2] + circle[:2] @ circle[:2]))
+    ends = np.quantile(xyz @ along, [0.0, 1.0])
+    center = (middle + circle[:2]) @ across
+    axis = sampled(center + np.linspace(*ends, 30)[:, None] * along, step=float(np.ptp(ends)) / 30)
+    fit = fit_cable(xyz, axis, radius, knot_diameters=1e6)
+    return fit.radius_mm, arc_of(np.arctan2(fit.place.v, fit.place.u))
+
+
+def fit4cad(folder: Path) -> dict[str, float | int]:
+    """Relative error of the radius on the cylinders that show 90 degrees or more, noise of 0.5 % of the radius added."""
+    rng, errors, failed, small = np.random.default_rng(0), [], 0, 0
+    for xyz, radius in fit4cad_cylinders(folder):
+        try:
+            found, arc = segmented(xyz + 0.005 * radius * rng.normal(size=xyz.shape))
+        except (MeasureError, np.linalg.LinAlgError):
+            failed += 1
+            continue
+        if arc < 90:
+            small += 1
+        else:
+            errors.append(abs(found / radius - 1))
+    percent = 100 * np.array(errors)
+    return {
+        "cylinders": len(errors),
+        "failed": failed,
+        "arc_below_90": small,
+        "mean_percent": float(percent.mean()),
+        "p90_percent": float(np.quantile(percent, 0.9)),
+        "median_percent": float(np.median(percent)),
+    }
+
+
 def main() -> None:
     """Measure, print, and write the table if asked."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -88,7 +161,7 @@ def main() -> None:
             for index in range(options.scans)
             for row in one_scan(scan, index=index, preset=options.preset, points=options.points)
         ]
-        for method in ("RANSAC cylinder", "blind", "stations"):
+        for method in METHODS:
             line = {"row": name, "method": method, **summary([row for row in rows if row["method"] == method])}
             table.append(line)
             print(
@@ -97,6 +170,10 @@ def main() -> None:
                 ),
                 flush=True,
             )
+    if data := os.environ.get("CABLEJAX_DATA"):
+        line = {"row": "Fit4CAD", **fit4cad(Path(data) / "primitives" / "fit4cad")}
+        table.append(line)
+        print(line)
     if options.out:
         seeds = [1000 + index for index in range(options.scans)]
         config = {"preset": options.preset, "points": options.points}

@@ -10,6 +10,7 @@ from cablejax.measure.result import CableMeasurement
 MIN_POINTS = 50
 SMALLEST_MM, LARGEST_MM = 1.0, 250.0  # no power cable is thinner or thicker, sheath included
 LONGEST_MM = 1e6
+LEAST_HEIGHT = 3.5  # standard deviations of the noise that an arc must stand out; below, fits end on anything
 
 
 def check_cloud(xyz: Float[np.ndarray, "n 3"], given: int) -> None:
@@ -57,6 +58,17 @@ def unknown_diameter(diameter_mm: float, std_mm: float, arc_deg: float) -> Measu
     return MeasureError(
         f"The diameter cannot be told: {diameter_mm:.4g} mm with a standard uncertainty of {std_mm:.4g} mm, from "
         f"{arc_deg:.0f} degrees of the circumference. Scan the cable with less noise or from more sides."
+    )
+
+
+def too_flat(arc_deg: float, noise_mm: float, radius_mm: float) -> MeasureError | None:
+    """The error for an arc that stands out of its own noise too little to have a radius; None if it does not."""
+    height = radius_mm * (1 - np.cos(np.radians(min(arc_deg, 180.0) / 2)))
+    if height >= LEAST_HEIGHT * noise_mm:
+        return None
+    return MeasureError(
+        f"The diameter cannot be told: over the {arc_deg:.0f} degrees that were seen the surface curves by {height:.3g} mm, "
+        f"and the points scatter by {noise_mm:.3g} mm. Scan the cable with less noise or from more sides."
     )
 
 

@@ -10,8 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-BIN_DEG = 7.5
-STRETCH_DEG = 60.0  # a station sees some 120 degrees and fades out towards both sides
+BIN_DEG = 5.0
+OVAL_DEG = 165.0  # of circumference, from which an oval section shows
+VISIBLE = np.radians(78.0)  # to either side of a station: beams that graze more give no point
 
 
 class Profile(NamedTuple):
@@ -20,10 +21,12 @@ class Profile(NamedTuple):
     Attributes:
         std_mm: Standard deviation of the fitted radius, noise included.
         shared_mm: Standard deviation of the shared errors.
+        change_mm: What they have done to the fitted radius, to be added to it.
     """
 
     std_mm: float
     shared_mm: float
+    change_mm: float
 
 
 def _binned(angle: np.ndarray, residual: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -38,14 +41,39 @@ def _binned(angle: np.ndarray, residual: np.ndarray, weight: np.ndarray) -> tupl
     return middle, mean, np.maximum(square - mean**2, 1e-18) / total[keep]
 
 
-def _evidence(values: np.ndarray, columns: np.ndarray, covariance: np.ndarray) -> float:
-    """Restricted log likelihood of generalised least squares."""
+def _views(middle: np.ndarray) -> list[np.ndarray]:
+    """Which stations may have seen what: for each guess, the share of every station in every direction `[stations, m]`.
+
+    Two to six stations look from evenly spread sides over the arc that holds points, the outer ones half a step within
+    its ends or at them; over the whole circumference they begin anywhere.
+    """
+    turned = np.sort(middle)
+    gaps = np.diff(np.append(turned, turned[0] + 2 * np.pi))
+    start = turned[(int(np.argmax(gaps)) + 1) % len(turned)]
+    arc = 2 * np.pi - float(gaps.max())
+    whole = arc > np.radians(330)
+    views = []
+    for count in (2, 3, 4, 6):
+        inner = (np.arange(count) + 0.5) / count * arc
+        starts = [inner + shift * 2 * np.pi / count for shift in (0, 0.25, 0.5, 0.75)]
+        for place in starts if whole else [inner, np.arange(count) / (count - 1) * arc]:
+            away = np.cos(middle[None, :] - start - place[:, None])
+            seen = np.where(away > np.cos(VISIBLE), away, 0.0)  # points thin out with the cosine of the incidence
+            if (seen.sum(axis=0) > 0).all():
+                views.append(seen / seen.sum(axis=0))
+    return views
+
+
+def _generalised(values: np.ndarray, columns: np.ndarray, covariance: np.ndarray) -> tuple[float, float, float]:
+    """Generalised least squares: restricted log likelihood, the first coefficient and its variance."""
     factor = np.linalg.cholesky(covariance)
     white, wide = np.linalg.solve(factor, values), np.linalg.solve(factor, columns)
     information = wide.T @ wide
-    left = white - wide @ np.linalg.solve(information, wide.T @ white)
+    inverse = np.linalg.inv(information)
+    found = inverse @ (wide.T @ white)
+    left = white - wide @ found
     determinant = np.log(np.diag(factor)).sum() + 0.5 * np.linalg.slogdet(information)[1]
-    return float(-0.5 * (left @ left) - determinant)
+    return float(-0.5 * (left @ left) - determinant), float(found[0]), float(inverse[0, 0])
 
 
 def shared_errors(
@@ -57,10 +85,10 @@ def shared_errors(
 ) -> Profile | None:
     """Estimate the errors that neighbouring directions share, and what they do to the radius.
 
-    The mean residual over the angle is a circle's change (radius and centre) plus a Gaussian process: a shift of a
-    station shows as its projection on the normal, `cos` of the angle between, wherever the station sees the surface. The
-    process's standard deviation is integrated over by restricted likelihood, so that one that cannot be told from zero
-    still counts by how well it can be told.
+    The mean residual over the angle is a circle's change (radius and centre) plus the shift of each station, projected
+    on the normal, wherever that station sees the surface. How many stations there were, where they stood and how far
+    they were shifted is not known: guesses of all are weighed by their restricted likelihood, beside none at all and an oval
+    section.
 
     Args:
         angle: Of each point around the axis, radians.
@@ -75,22 +103,27 @@ def shared_errors(
     if len(middle) < 6:
         return None
     columns = np.stack([np.ones_like(middle), np.cos(middle), np.sin(middle)], axis=1)
+    noise = float(np.sqrt(np.sum(weight * residual_mm**2) / weight.sum()))
+    sizes = [given_std_mm] if given_std_mm > 0 else np.geomspace(0.1, 2.0, 14) * noise
     cos = np.cos(middle[:, None] - middle[None, :])
-    kernel = cos * np.exp((cos - 1) / np.radians(STRETCH_DEG) ** 2)  # von Mises, so that it closes around the circle
-    noise = float(np.sqrt(np.median(variance)))
-    sizes = [given_std_mm] if given_std_mm > 0 else [0.0, *np.geomspace(0.3 * noise, 100 * noise, 36)]
-    weighted = columns / variance[:, None]
-    lever = np.linalg.solve(weighted.T @ columns, weighted.T)[0]  # how far each bin moves the fitted radius
-    log, var = [], []
-    for size in sizes:
-        covariance = np.diag(variance) + size**2 * kernel + 1e-9 * noise**2 * np.eye(len(middle))
-        log.append(_evidence(mean, columns, covariance))
-        var.append(lever @ covariance @ lever)
-    # Before the scan is looked at: none with a probability of one half, else any size, evenly on a log scale.
-    prior = np.array([1.0, *np.full(len(sizes) - 1, 1 / max(len(sizes) - 1, 1))])
-    share = prior * np.exp(np.array(log) - max(log))
+    views = _views(middle)
+    guesses = [(0.0, 1.0, np.zeros_like(cos))] if given_std_mm == 0 or not views else []
+    for view in views:
+        guesses += [(size, 1 / len(views) / len(sizes), size**2 * cos * (view.T @ view)) for size in sizes]
+    # An oval section is no error: without guesses of its own it would pass for shifted stations. A short arc is taken
+    # for round.
+    wide = BIN_DEG * len(middle) >= OVAL_DEG
+    ovals = np.geomspace(0.1, 30.0, 20 if wide else 0) * noise
+    twice = np.cos(2 * (middle[:, None] - middle[None, :]))
+    guesses += [(0.0, 1 / len(ovals), amplitude**2 * twice) for amplitude in ovals]
+    floor = np.diag(variance + 1e-9 * noise**2)
+    found = np.array([_generalised(mean, columns, floor + shared) for _, _, shared in guesses])
+    size, prior = np.array([guess[:2] for guess in guesses]).T
+    share = prior * np.exp(found[:, 0] - found[:, 0].max())
     share = share / share.sum()
-    return Profile(float(np.sqrt(share @ np.array(var))), float(np.sqrt(share @ np.square(sizes))))
+    change = float(share @ found[:, 1])
+    spread = float(share @ (found[:, 2] + (found[:, 1] - change) ** 2))
+    return Profile(float(np.sqrt(spread)), float(np.sqrt(share @ size**2)), change)
 
 
 def blocks(station: Int[np.ndarray, " n"], along_mm: Float[np.ndarray, " n"], *, pieces: int) -> Int[np.ndarray, " n"]:

@@ -3,36 +3,36 @@
 import numpy as np
 
 from cablejax.measure.alignment import Profile
+from cablejax.measure.beams import BEAM_DOUBT
 from cablejax.measure.fit import CableFit
 from cablejax.measure.result import BudgetLine
 
 COVERAGE = 1.96
-
-
-def noise_bias_mm(fit: CableFit) -> float:
-    """How much noise enlarges the diameter: a point moved along the surface by t ends up t^2 / 2r outside the circle.
-
-    Noise across the line of sight is taken to be as large as the residuals' own, in each direction.
-    """
-    return fit.noise_mm**2 / fit.radius_mm
+STEEP = 150.0  # noise s of a tenth of the radius R moves a diameter by about its own size, by what is of third order in s / R
+ROUNDING = 1e-5
+UNSEEN = 2.0  # on simulated scans with unknown sweeps the error is this much larger than the guessed stations explain
 
 
 def uncertainty_budget(
-    fit: CableFit, profile: Profile | None, *, scale_std: float, filter_std_mm: float
+    fit: CableFit, profile: Profile | None, *, bias_mm: float, scale_std: float, filter_std_mm: float
 ) -> list[BudgetLine]:
     """Sources of uncertainty of the diameter, each with its standard deviation in mm.
 
     Args:
         fit: The fit of axis and radius.
-        profile: Errors shared by whole directions, as of stations that do not fit together; None where unknown.
+        profile: Errors shared by whole directions, as of stations that do not fit together; None where every station's
+            shift is part of the fit.
+        bias_mm: What noise along the beams has added to the diameter, and was taken off.
         scale_std: Relative standard deviation of the scanner's scale.
         filter_std_mm: Standard deviation of the diameter that a filter applied before has left.
     """
     random = 2 * fit.random_mm
     # What exceeds independent noise is shown as lines of its own, one estimate from short patches, one from directions.
     correlated = 2 * float(np.sqrt(max(fit.clustered_mm**2 - fit.random_mm**2, 0.0)))
-    shared = 0.0 if profile is None else 2 * float(np.sqrt(max(profile.std_mm**2 - fit.random_mm**2, 0.0)))
-    depth = 0.0 if profile is None else profile.shared_mm
+    shared, how = 0.0, "each sweep's shift is fitted with the axis; its doubt is in the first line"
+    if profile is not None:
+        shared = 2 * UNSEEN * float(np.sqrt(max(profile.std_mm**2 - fit.random_mm**2, 0.0)))
+        how = f"sweeps unknown: shifts of {profile.shared_mm:.2g} mm, from the mean residual around the circumference"
     seen = int((fit.weight > 0).sum())
     lines = [
         BudgetLine(
@@ -51,14 +51,20 @@ def uncertainty_budget(
             "alignment of the stations",
             shared,
             "A",
-            f"errors of {depth:.2g} mm that whole directions share, from the mean residual around the circumference",
+            how,
         ),
         BudgetLine(
-            "noise along the surface",
-            noise_bias_mm(fit) / np.sqrt(3),
+            "noise along the beams",
+            BEAM_DOUBT * abs(bias_mm),
             "B",
-            "the correction for it, good to its own size with even probability",
+            f"{100 * BEAM_DOUBT:.0f} % of the {bias_mm:.2g} mm that were taken off for it",
         ),
+    ]
+    coarse = STEEP * fit.noise_mm**3 / fit.radius_mm**2
+    rounding = ROUNDING * 2 * fit.radius_mm
+    lines += [
+        BudgetLine("noise as large as the curve", coarse, "B", f"{STEEP:g} s^3 / R^2, as found on simulated scans"),
+        BudgetLine("rounding and the axis's spline", rounding, "B", f"{ROUNDING:g} of the diameter"),
     ]
     given = [
         (scale_std * 2 * fit.radius_mm, "scale", "scale of the scanner as given"),

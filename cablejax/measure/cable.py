@@ -7,11 +7,19 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int, Num
 
-from cablejax.measure.advice import arc_too_small, check_cloud, nothing_found, unknown_diameter, warnings_about
+from cablejax.measure.advice import (
+    arc_too_small,
+    check_cloud,
+    nothing_found,
+    too_flat,
+    unknown_diameter,
+    warnings_about,
+)
 from cablejax.measure.alignment import Profile, blocks, shared_errors
 from cablejax.measure.axis import Axis, locate, smoothed, trimmed
+from cablejax.measure.beams import beam_bias_mm
 from cablejax.measure.bend import tightest_bend
-from cablejax.measure.budget import COVERAGE, combined, noise_bias_mm, uncertainty_budget
+from cablejax.measure.budget import COVERAGE, combined, uncertainty_budget
 from cablejax.measure.candidates import Find, find_cables
 from cablejax.measure.errors import MeasureError
 from cablejax.measure.fit import CableFit, fit_cable
@@ -19,11 +27,13 @@ from cablejax.measure.nominal import nominal_probabilities, verdict
 from cablejax.measure.planes import Plane
 from cablejax.measure.result import CableMeasurement
 from cablejax.measure.sections import Oval, Sections, cut, oval
+from cablejax.measure.sweeps import at_the_edge, sweeps_of
 from cablejax.measure.walk import Walk
 from cablejax.types import PointCloud
 
 MIN_ON_CABLE = 30
 WORST_STD = 0.2  # of the diameter: beyond, there is none to report
+COARSE_POINTS = 8_000  # on which the first fits are made
 KEEP_SIGMA = 3.5  # standard deviations from the surface within which a point counts as the cable's
 
 
@@ -65,48 +75,75 @@ def _points(cloud_or_xyz_mm: PointCloud | np.ndarray) -> tuple[np.ndarray, np.nd
     return xyz, valid & np.isfinite(xyz).all(axis=1)
 
 
-def _tube(axis: Axis, radius: float, xyz: np.ndarray, planes: list[Plane], width: float) -> np.ndarray:
-    """Rows within `width` of the surface, off the planes, and no further than a radius beyond the ends."""
+def _tube(
+    axis: Axis, radius: float, xyz: np.ndarray, planes: list[Plane], width: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rows within `width` of the surface, off the planes, and no further than a radius beyond the ends; their arc length."""
     box = (xyz > axis.xyz.min(axis=0) - 2 * radius).all(axis=1) & (xyz < axis.xyz.max(axis=0) + 2 * radius).all(axis=1)
     rows = np.flatnonzero(box)
     for plane in planes:
         rows = rows[~plane.holds(xyz[rows])]
     if len(rows) == 0:
-        return rows
+        return rows, np.empty(0)
     place = locate(axis, xyz[rows])
     distance = np.hypot(place.u, place.v)
-    inside = (place.s > -radius) & (place.s < axis.s[-1] + radius)
-    return rows[inside & (np.abs(distance - radius) < width)]
+    inside = (place.s > -radius) & (place.s < axis.s[-1] + radius) & (np.abs(distance - radius) < width)
+    return rows[inside], place.s[inside]
 
 
-def _fit(xyz: np.ndarray, station: np.ndarray | None, way: Walk, planes: list[Plane]) -> tuple[CableFit, np.ndarray]:
-    """Fit axis and radius to the full cloud about a walk; the rows that took part."""
+def _coarse(xyz: np.ndarray, way: Walk, planes: list[Plane]) -> tuple[Axis, float, float, float]:
+    """Axis, radius, reach about the surface and noise, from a few thousand of the points.
+
+    Raises:
+        MeasureError: If too few lie on the cable.
+    """
+    xyz = xyz[:: max(1, len(xyz) // COARSE_POINTS)]
     radius = way.radius_mm
     axis = smoothed(way.axis, knot_mm=4 * radius, step=0.2 * radius, extend_mm=2 * radius)
-    rows = np.empty(0, dtype=int)
-    fit, width = None, 0.3 * radius
+    previous, width, noise = np.empty(0, dtype=int), 0.3 * radius, 0.0
     for _ in range(3):  # a start that is 10 % off cuts the tube on one side: cut again about the fit
-        previous, rows = rows, _tube(axis, radius, xyz, planes, width)
+        rows, _ = _tube(axis, radius, xyz, planes, width)
         if len(rows) < MIN_ON_CABLE:
-            break
-        if np.array_equal(previous, rows) and fit is not None:
+            raise MeasureError(f"Too few points on the cable: {len(rows)} where at least {MIN_ON_CABLE} are needed.")
+        if np.array_equal(previous, rows):
             break
         fit = fit_cable(xyz[rows], axis, radius)
         used = fit.weight > 0
         low, high = fit.place.s[used].min(), fit.place.s[used].max()
-        axis, radius = trimmed(fit.axis, float(low), float(high)), fit.radius_mm
-        width = float(np.clip(4.5 * fit.noise_mm, 0.3 * radius, 0.8 * radius))
-    if fit is None or len(rows) < MIN_ON_CABLE:
-        raise MeasureError(f"Too few points on the cable: {len(rows)} where at least {MIN_ON_CABLE} are needed.")
-    if station is not None and len(np.unique(station[rows])) > 1:
-        pieces = max(1, min(8, len(rows) // (500 * len(np.unique(station[rows])))))
-        fit = fit_cable(xyz[rows], fit.axis, fit.radius_mm, block=blocks(station[rows], fit.place.s, pieces=pieces))
-    return fit, rows
+        axis, radius, previous = trimmed(fit.axis, float(low), float(high)), fit.radius_mm, rows
+        noise = fit.noise_mm
+        width = float(np.clip(4.5 * noise, 0.3 * radius, 0.8 * radius))
+    return axis, radius, width, noise
+
+
+class _Fitted(NamedTuple):
+    """The fit, the rows that took part, and the sweep of each if the sweeps are known."""
+
+    fit: CableFit
+    rows: np.ndarray
+    sweep: np.ndarray | None
+
+
+def _fit(xyz: np.ndarray, station: np.ndarray | None, way: Walk, planes: list[Plane]) -> _Fitted:
+    """Fit axis and radius to the full cloud about a walk, with a shift for every sweep that is known."""
+    axis, radius, width, noise = _coarse(xyz, way, planes)
+    rows, along = _tube(axis, radius, xyz, planes, width)
+    sweep = sweeps_of(along)
+    if station is not None:
+        named = np.unique(station[rows], return_inverse=True)[1].reshape(-1)
+        both = named if sweep is None else named * (sweep.max() + 1) + sweep
+        sweep = np.unique(both, return_inverse=True)[1].reshape(-1)
+    trust = ~at_the_edge(locate(axis, xyz[rows]), sweep, noise_mm=noise, radius_mm=radius)
+    if sweep is None or sweep.max() == 0:
+        return _Fitted(fit_cable(xyz[rows], axis, radius, trust=trust), rows, sweep)
+    pieces = max(1, min(8, len(rows) // (500 * int(sweep.max() + 1))))
+    fit = fit_cable(xyz[rows], axis, radius, block=blocks(sweep, along, pieces=pieces), trust=trust)
+    return _Fitted(fit, rows, sweep)
 
 
 def _best(
     xyz: np.ndarray, station: np.ndarray | None, find: Find, settings: MeasureSettings
-) -> tuple[CableFit, np.ndarray, Sections, float]:
+) -> tuple[_Fitted, Sections, float]:
     """Fit the walks in turn until one shows enough of its circumference; the first one's failure if none does.
 
     Raises:
@@ -115,15 +152,15 @@ def _best(
     failure: MeasureError | None = None
     for way in find.walks:
         try:
-            fit, rows = _fit(xyz, station, way, find.planes)
+            fitted = _fit(xyz, station, way, find.planes)
         except MeasureError as error:
             failure = failure or error
             continue
-        sections = _sections(fit, settings)
+        sections = _sections(fitted.fit, settings)
         seen = sections.points >= 0.2 * np.median(sections.points)
         arc = float(np.median(sections.arc_deg[seen]))
         if arc >= settings.min_arc_deg:
-            return fit, rows, sections, arc
+            return fitted, sections, arc
         failure = failure or arc_too_small(arc, settings.min_arc_deg, find)
     raise failure or nothing_found(find)
 
@@ -134,16 +171,17 @@ def _sections(fit: CableFit, settings: MeasureSettings) -> Sections:
     return cut(fit, step_mm=max(step, length / 200))
 
 
-def _headline(fit: CableFit, shape: Oval | None, profile: Profile | None) -> float:
+def _headline(fit: CableFit, shape: Oval | None, profile: Profile | None, bias_mm: float) -> float:
     """The diameter reported: of the circle, or of an oval much larger than the errors that directions share.
 
-    The widening by noise is taken off.
+    The widening by noise is taken off, and what unknown stations most likely have done to it.
     """
     shared = 0.0 if profile is None else profile.shared_mm
     unsure = 0.0 if shape is None else max(shape.amplitude_std_mm, 4 * shared)
     certain = shape is not None and shape.maximum_mm - shape.minimum_mm > 4 * unsure
-    mean = shape.diameter_mm if shape is not None and certain else 2 * fit.radius_mm
-    return mean - noise_bias_mm(fit)
+    change = 0.0 if profile is None else 2 * profile.change_mm
+    mean = shape.diameter_mm if shape is not None and certain else 2 * fit.radius_mm + change
+    return mean - bias_mm
 
 
 class _Painted(NamedTuple):
@@ -212,16 +250,15 @@ def measure_cable(
     shift = np.median(every[valid], axis=0)  # keeps the arithmetic near the origin
     xyz = every[valid] - shift
     find = find_cables(xyz, rng=np.random.default_rng(settings.seed))
-    fit, rows, sections, arc = _best(xyz, None if station is None else np.asarray(station)[valid], find, settings)
-    return _assembled(every, valid, shift, fit, rows, sections, arc, find, catalogue, settings)
+    fitted, sections, arc = _best(xyz, None if station is None else np.asarray(station)[valid], find, settings)
+    return _assembled(every, valid, shift, fitted, sections, arc, find, catalogue, settings)
 
 
 def _assembled(
     every: Float[np.ndarray, "n 3"],
     valid: np.ndarray,
     shift: np.ndarray,
-    fit: CableFit,
-    rows: np.ndarray,
+    fitted: _Fitted,
     sections: Sections,
     arc: float,
     find: Find,
@@ -229,15 +266,18 @@ def _assembled(
     settings: MeasureSettings,
 ) -> CableMeasurement:
     """The result from the fit: numbers, budget, nominal size and warnings."""
+    fit, rows, sweep = fitted
+    flat = too_flat(arc, fit.noise_mm, fit.radius_mm)
+    if flat is not None:
+        raise flat
     shape = oval(fit) if arc >= settings.oval_arc_deg else None
-    angle = np.arctan2(fit.place.v, fit.place.u)
-    profile = shared_errors(angle, fit.residual_mm, fit.weight, given_std_mm=settings.registration_std_mm)
-    diameter = _headline(fit, shape, profile)
+    profile, bias = None, beam_bias_mm(fit, sweep)
+    if sweep is None:
+        angle = np.arctan2(fit.place.v, fit.place.u)
+        profile = shared_errors(angle, fit.residual_mm, fit.weight, given_std_mm=settings.registration_std_mm)
+    diameter = _headline(fit, shape, profile, bias)
     lines = uncertainty_budget(
-        fit,
-        profile,
-        scale_std=settings.scale_std,
-        filter_std_mm=settings.filter_std_mm,
+        fit, profile, bias_mm=bias, scale_std=settings.scale_std, filter_std_mm=settings.filter_std_mm
     )
     std = combined(lines)
     if std > WORST_STD * diameter:

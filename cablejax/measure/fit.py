@@ -8,7 +8,7 @@ surface seen in all sections together says much: one radius and a smooth axis ar
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.interpolate import BSpline
 from scipy.sparse import csr_array, hstack
 
@@ -18,6 +18,7 @@ from cablejax.measure.errors import MeasureError
 TUKEY = 4.685  # standard deviations; 95 % efficient where the noise is Gaussian
 SECTOR_DEG = 15.0
 OUTER = 6
+PER_KNOT = 16  # cells in a knot: the splines change by 1e-3 of themselves within one
 
 
 class CableFit(NamedTuple):
@@ -32,6 +33,7 @@ class CableFit(NamedTuple):
         place: Cable coordinates of the points given `[n]`, shifts of stations taken off.
         residual_mm: Their distance from the surface `[n]`, positive outside.
         weight: Tukey weights `[n]`, 0 for outliers.
+        lever: How far each point's residual moves the radius `[n]`.
     """
 
     axis: Axis
@@ -42,6 +44,7 @@ class CableFit(NamedTuple):
     place: Place
     residual_mm: Float[np.ndarray, " n"]
     weight: Float[np.ndarray, " n"]
+    lever: Float[np.ndarray, " n"]
 
 
 def _basis(s: np.ndarray, axis: Axis, knot_mm: float) -> csr_array:
@@ -66,17 +69,25 @@ def _scale(residual: np.ndarray, radius: float) -> float:
     return max(1.4826 * float(np.median(np.abs(residual))), 1e-6 * radius)
 
 
-def _normal(basis: csr_array, cos: np.ndarray, sin: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """The normal matrix of (offsets a, offsets b, radius), dense: its size is a few hundred at most."""
-    m = _columns(basis)
+def _sums(cells: "_Cells", *values: np.ndarray) -> list[np.ndarray]:
+    return [np.bincount(cells.row, weights=value, minlength=len(cells.columns)) for value in values]
+
+
+def _normal(cells: "_Cells", cos: np.ndarray, sin: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """The normal matrix of (offsets a, offsets b, radius), dense: its size is a few hundred at most.
+
+    Points of a cell share their splines' values, so its sums stand for them.
+    """
+    m = cells.columns.shape[1]
     normal = np.zeros((2 * m + 1, 2 * m + 1))
-    for row, first in enumerate((cos, sin)):
-        for column, second in enumerate((cos, sin)):
-            block = basis.T @ basis.multiply((weight * first * second)[:, None]).tocsr()
-            normal[row * m : (row + 1) * m, column * m : (column + 1) * m] = block.toarray()
-        edge = basis.T @ (weight * first)
-        normal[row * m : (row + 1) * m, -1] = edge
-        normal[-1, row * m : (row + 1) * m] = edge
+    weighted = (weight * cos, weight * sin)
+    cc, cs, ss, c, s = _sums(cells, weighted[0] * cos, weighted[0] * sin, weighted[1] * sin, *weighted)
+    for row, column, total in ((0, 0, cc), (0, 1, cs), (1, 0, cs), (1, 1, ss)):
+        normal[row * m : (row + 1) * m, column * m : (column + 1) * m] = cells.columns.T @ (
+            total[:, None] * cells.columns
+        )
+    edge = np.concatenate([cells.columns.T @ c, cells.columns.T @ s])
+    normal[:-1, -1] = normal[-1, :-1] = edge
     normal[-1, -1] = weight.sum()
     return normal
 
@@ -112,17 +123,46 @@ def tukey(residual: Float[np.ndarray, " n"], scale: float) -> Float[np.ndarray, 
     return np.where(np.abs(ratio) < 1, (1 - ratio**2) ** 2, 0.0)
 
 
+def _slope(residual: np.ndarray, scale: float) -> np.ndarray:
+    """Derivative of `tukey` times the residual: how an estimate moves with a point is its weight over the mean of these."""
+    square = (residual / (TUKEY * scale)) ** 2
+    return np.where(square < 1, (1 - square) * (1 - 5 * square), 0.0)
+
+
+class _Cells(NamedTuple):
+    """Points gathered in stretches of a `PER_KNOT`th of a knot, apart by station: the cell of each `[n]`, and each cell's
+    values of the columns `[cells, splines + stretches]`, at the mean arc length of its points."""
+
+    row: np.ndarray
+    columns: np.ndarray
+
+
+def _cells(s: np.ndarray, axis: Axis, knot: float, block: np.ndarray | None) -> _Cells:
+    bins = np.floor((s - s.min()) / (knot / PER_KNOT)).astype(np.int64)
+    key = bins if block is None else block * (int(bins.max()) + 1) + bins
+    names, row = np.unique(key, return_inverse=True)
+    mean = np.bincount(row, weights=s) / np.bincount(row)
+    columns = _basis(mean, axis, knot).toarray()
+    if block is not None:
+        shifts = np.zeros((len(names), int(block.max()) + 1))
+        shifts[np.arange(len(names)), names // (int(bins.max()) + 1)] = 1.0
+        columns = np.concatenate([columns, shifts], axis=1)
+    return _Cells(row, columns)
+
+
 class _Design(NamedTuple):
     """What a point's offset consists of: the axis's splines, then one column for each stretch of a station.
 
     Attributes:
         place: Cable coordinates of the points.
         columns: Values `[n, splines + stretches]`, for the offsets along either frame vector.
+        cells: The same in short stretches of the length, for sums.
         splines: How many columns are the axis's.
     """
 
     place: Place
     columns: csr_array
+    cells: _Cells
     splines: int
 
     @property
@@ -139,7 +179,7 @@ def _design(xyz: np.ndarray, axis: Axis, knot: float, block: np.ndarray | None) 
         rows = np.arange(len(xyz))
         shifts = csr_array((np.ones(len(xyz)), (rows, block)), shape=(len(xyz), int(block.max()) + 1))
         basis = csr_array(hstack([basis, shifts], format="csr"))
-    return _Design(place, basis, splines)
+    return _Design(place, basis, _cells(place.s, axis, knot, block), splines)
 
 
 def _polar(design: _Design, change: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -151,19 +191,22 @@ def _polar(design: _Design, change: np.ndarray) -> tuple[np.ndarray, np.ndarray,
     return distance, u / distance, v / distance
 
 
-def _solve(design: _Design, radius: float, change: np.ndarray) -> np.ndarray:
-    """Four reweighted Gauss-Newton steps on (offsets along u, offsets along v, radius)."""
+def _solve(design: _Design, radius: float, change: np.ndarray, trust: np.ndarray) -> np.ndarray:
+    """At most four reweighted Gauss-Newton steps on (offsets along u, offsets along v, radius)."""
     for _ in range(4):
         distance, cos, sin = _polar(design, change)
         residual = distance - radius - change[-1]
-        weight = tukey(residual, _scale(residual, radius))
+        weight = trust * tukey(residual, _scale(residual, radius))
         if weight.sum() < len(change):
             raise MeasureError("No cable found: the points do not lie on one smooth round surface.")
-        basis = design.columns
         pull = _smoothing(design.splines, design.stretches, weight.sum())
-        pulled = np.concatenate([basis.T @ (weight * cos * residual), basis.T @ (weight * sin * residual)])
+        sums = _sums(design.cells, weight * cos * residual, weight * sin * residual)
+        pulled = np.concatenate([design.cells.columns.T @ total for total in sums])
         right = np.append(pulled, (weight * residual).sum()) - pull @ change
-        change = change + np.linalg.solve(_normal(basis, cos, sin, weight) + pull, right)
+        step = np.linalg.solve(_normal(design.cells, cos, sin, weight) + pull, right)
+        change = change + step
+        if np.abs(step).max() < 1e-6 * radius:
+            break
     return change
 
 
@@ -174,6 +217,7 @@ def fit_cable(
     *,
     knot_diameters: float = 1.0,
     block: Int[np.ndarray, " n"] | None = None,
+    trust: Bool[np.ndarray, " n"] | None = None,
 ) -> CableFit:
     """Fit one radius and a smooth axis to points that are mostly the cable's.
 
@@ -188,6 +232,7 @@ def fit_cable(
             of 15 diameters to 4e-6 of the diameter.
         block: Number of the stretch of a station that each point belongs to `[n]`, from 0 without gaps. Each stretch gets
             a shift of its own across the cable.
+        trust: Which points take part `[n]`; all if None.
 
     Raises:
         MeasureError: If fewer points keep weight than the fit has unknowns.
@@ -195,6 +240,7 @@ def fit_cable(
     radius = radius_mm
     knot = knot_diameters * 2 * radius_mm
     shifts: np.ndarray | None = None
+    trust = np.ones(len(xyz)) if trust is None else trust.astype(float)
     for _ in range(OUTER):
         ends = locate(axis, xyz).s
         axis = trimmed(axis, float(ends.min()), float(ends.max()))
@@ -203,17 +249,17 @@ def fit_cable(
         start = np.zeros(2 * width + 1)
         if shifts is not None:
             start[m:width], start[width + m : 2 * width] = shifts
-        change = _solve(design, radius, start)
+        change = _solve(design, radius, start, trust)
         radius += float(change[-1])
         shifts = np.stack([change[m:width], change[width + m : 2 * width]])
         bend = np.concatenate([change[:m], change[width : width + m]])
         axis = _moved(axis, _basis(axis.s, axis, knot), bend)
         if max(np.abs(bend).max(), abs(change[-1])) < 1e-5 * radius:
             break
-    return _finished(_design(xyz, axis, knot, block), axis, radius, shifts)
+    return _finished(_design(xyz, axis, knot, block), axis, radius, shifts, trust)
 
 
-def _finished(design: _Design, axis: Axis, radius: float, shifts: np.ndarray | None) -> CableFit:
+def _finished(design: _Design, axis: Axis, radius: float, shifts: np.ndarray | None, trust: np.ndarray) -> CableFit:
     """Residuals, weights and the radius's standard deviations at the solution."""
     m, width = design.splines, _columns(design.columns)
     still = np.zeros(2 * width + 1)
@@ -222,13 +268,16 @@ def _finished(design: _Design, axis: Axis, radius: float, shifts: np.ndarray | N
     distance, cos, sin = _polar(design, still)
     residual = distance - radius
     scale = _scale(residual, radius)
-    weight = tukey(residual, scale)
+    weight = trust * tukey(residual, scale)
     basis = design.columns
-    normal = _normal(basis, cos, sin, weight) + _smoothing(m, design.stretches, weight.sum())
+    normal = _normal(design.cells, cos, sin, weight) + _smoothing(m, design.stretches, weight.sum())
     row = np.linalg.solve(normal, np.eye(2 * width + 1)[-1])
     spread = float(np.sqrt(np.sum((weight * residual) ** 2) / max(weight.sum(), 1e-9)))
     # How far each point's residual moves the radius: summed one by one, and over patches first (a sandwich estimate).
-    pull = (cos * (basis @ row[:width]) + sin * (basis @ row[width : 2 * width]) + row[-1]) * weight * residual
+    gain = weight * weight.sum() / np.sum(trust * _slope(residual, scale))
+    along_u, along_v = basis @ row[:width], basis @ row[width : 2 * width]
+    lever = gain * (cos * along_u + sin * along_v + row[-1])
+    pull = lever * residual
     sector = np.floor((np.degrees(np.arctan2(sin, cos)) + 180) / SECTOR_DEG).astype(int)
     slab = np.floor((design.place.s - design.place.s.min()) / (2 * radius)).astype(int)
     patches = np.bincount(slab * int(360 / SECTOR_DEG + 1) + sector, weights=pull)
@@ -242,4 +291,5 @@ def _finished(design: _Design, axis: Axis, radius: float, shifts: np.ndarray | N
         place,
         residual,
         weight,
+        lever,
     )
