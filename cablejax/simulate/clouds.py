@@ -13,7 +13,7 @@ from cablejax.simulate.pose import rotation_of
 from cablejax.simulate.presets import PRESETS, Scanner
 from cablejax.simulate.shapes import Tube, two_bends
 from cablejax.simulate.surface import Part, label
-from cablejax.simulate.sweeps import choose_rows, hang_in_air, sweep_beams
+from cablejax.simulate.sweeps import choose_rows, hang_in_air, packed, sweep_beams
 
 STATIONS = 3
 TIGHTEST_MM = 700.0  # bend radius; 15 diameters of the largest cable, the same for all so that it tells no size
@@ -102,9 +102,13 @@ def draw_cloud(
     outliers = jnp.round(limits["outliers"] * u[6] * n_points).astype(jnp.int32)
     air = hang_in_air(tube, keys[2], count=n_points)
     rows = choose_rows(back, air, outliers, keys[3])
-    order = jnp.argsort(rows.is_padding)  # stable: points first, padding last
+    order = packed(~rows.is_padding, n_points)  # points first, padding last
     # any pose: a canonical one has to be estimated from the points
-    return rows.xyz_mm[order] @ rotation_of(gaussian(u[8:12])).T, ~rows.is_padding[order], diameter
+    return (
+        rows.xyz_mm[order] @ rotation_of(gaussian(u[8:12])).T,
+        jnp.arange(n_points) < jnp.sum(~rows.is_padding),
+        diameter,
+    )
 
 
 def surrounded(tube: Tube, middle: Array, share: Array, u: Float[Array, " 6"]) -> Scene:

@@ -157,6 +157,13 @@ class Rows(NamedTuple):
     is_padding: Bool[Array, " n"]
 
 
+def packed(wanted: Bool[Array, " m"], n: int) -> Int[Array, " n"]:
+    """Indices of the wanted rows in order; after the last of them, the last row of all."""
+    m = wanted.shape[0]
+    place = jnp.where(wanted, jnp.cumsum(wanted) - 1, n)
+    return jnp.full(n, m - 1).at[place].set(jnp.arange(m), mode="drop")
+
+
 def choose_rows(back: Returns, air: Float[Array, "n 3"], outliers: Int[Array, ""], key: PRNGKeyArray) -> Rows:
     """Draw n - outliers returns at random, keep them in scan order, and scatter the outliers among them.
 
@@ -170,10 +177,12 @@ def choose_rows(back: Returns, air: Float[Array, "n 3"], outliers: Int[Array, ""
     """
     n, beams = air.shape[0], back.valid.shape[0]
     luck = jax.random.uniform(key, (beams + n,))
+    # a value as high as the last one drawn, then places by counting: a sort that carries indices costs three times that
     priority = jnp.where(back.valid, luck[:beams], 2.0)
-    order = jnp.argsort(priority)[:n]
-    drawn = back.valid[order] & (jnp.arange(order.shape[0]) < n - outliers)
-    chosen = jnp.minimum(jnp.sort(jnp.where(drawn, order, beams)), beams - 1)
+    last = jnp.sort(priority)[jnp.clip(n - outliers - 1, 0, beams - 1)]
+    wanted = back.valid & (priority <= last) & (outliers < n)
+    drawn = jnp.minimum(jnp.sum(wanted), n - outliers)  # equal draws may bring one row too many
+    chosen = packed(wanted, n)
     outlier = jnp.argsort(luck[beams:]) < outliers
     rank = jnp.cumsum(~outlier) - 1
     source = chosen[jnp.clip(rank, 0)]
@@ -184,5 +193,5 @@ def choose_rows(back: Returns, air: Float[Array, "n 3"], outliers: Int[Array, ""
         back.station[source],
         back.sweep[source],
         jnp.where(outlier, Part.AIR, back.part[source]),
-        ~outlier & (rank >= jnp.sum(drawn)),
+        ~outlier & (rank >= drawn),
     )
