@@ -21,8 +21,8 @@ from cablejax.ops.neighbors_rank import Ranked, Verdict, rank, rank_blocks, slot
 from cablejax.ops.neighbors_select import LARGEST, WORD, apart
 from cablejax.ops.neighbors_tree import LEAF, Boxes, Tree
 
-CHUNK = 512  # leaves searched at once, which bounds memory and keeps their candidates in the cache
-WIDE_BLOCKS, WIDE_LEAVES = 64, 64  # unproven blocks searched at once, and the leaves that each looks at
+CHUNK = 1024  # leaves searched at once, which bounds memory and keeps their candidates in the cache
+WIDE_BLOCKS, WIDE_LEAVES = 128, 64  # unproven blocks searched at once, and the leaves that each looks at
 RETRY = 512  # unproven rows searched at once
 RETRY_ROOTS = 1024  # the widest level that such a row compares with whole
 RETRY_NODES, RETRY_LEAVES = 32, 64  # nodes and leaves that such a row looks at
@@ -89,7 +89,7 @@ def _by_blocks(tree: Tree, targets: Tree, near: Near, k: int, include_self: bool
         ranked, verdict = rank_blocks(tree, cut(targets.xyz, 1, split), rows, leaves, guess, k=k)
         return finish(ranked), verdict
 
-    return _in_chunks(below, near.node.shape[0], split)
+    return in_chunks(below, near.node.shape[0], split)
 
 
 def _in_words(near: Near) -> Near:
@@ -111,7 +111,7 @@ def _by_wide_blocks(
     """Search again the leaves of targets with unproven rows, among more leaves, no further than what they found."""
     own, split = _own(targets, include_self), targets.row.shape[0] // near.node.shape[0]
     blocks = own.shape[0]
-    places, chunks = _unproven(verdict.proven.reshape(blocks, LEAF).all(axis=1), WIDE_BLOCKS)
+    places, chunks = unproven(verdict.proven.reshape(blocks, LEAF).all(axis=1), WIDE_BLOCKS)
 
     def once(state: tuple) -> tuple:
         i, outputs, verdict = state
@@ -139,7 +139,7 @@ def _slightly_more(reach: Array) -> Array:
     return jnp.where(reach < LARGEST, reach * 1.00001, LARGEST)
 
 
-def _in_chunks(below: Callable, parents: int, split: int) -> tuple:
+def in_chunks(below: Callable, parents: int, split: int) -> tuple:
     """Run `below` over all parents, a chunk of leaves at a time where there are many."""
     step = max(1, CHUNK // split)
     if parents <= step + step // 2:
@@ -156,7 +156,7 @@ def _in_chunks(below: Callable, parents: int, split: int) -> tuple:
     return lax.fori_loop(0, -(-parents // step), write, buffers)
 
 
-def _unproven(proven: Bool[Array, " n"], size: int) -> tuple[Array, Array]:
+def unproven(proven: Bool[Array, " n"], size: int) -> tuple[Array, Array]:
     """Places of unproven rows, padded to whole chunks with a place out of range; and how many chunks they fill."""
     n = proven.shape[0]
     place = jnp.nonzero(~proven, size=-(-n // size) * size, fill_value=n)[0].astype(jnp.int32)
@@ -170,7 +170,7 @@ def _put(old: tuple, place: Array, new: tuple) -> tuple:
 
 def _by_rows(tree: Tree, targets: Tree, k: int, include_self: bool, finish: Finish, outputs, verdict: Verdict) -> tuple:
     """Search unproven rows one by one down the tree, no further than what they found already."""
-    places, chunks = _unproven(verdict.proven, RETRY)
+    places, chunks = unproven(verdict.proven, RETRY)
     xyz, own = targets.xyz.reshape(3, -1), _own(targets, include_self).reshape(-1)
     last = len(tree.levels) - 1
     first = max([0, *(i for i in range(last) if tree.levels[i].lower.shape[1] <= RETRY_ROOTS)])
@@ -200,7 +200,7 @@ def _by_rows(tree: Tree, targets: Tree, k: int, include_self: bool, finish: Fini
 
 def _by_all(xyz, tree: Tree, targets: Tree, k: int, include_self: bool, finish: Finish, outputs, verdict: Verdict):
     """Compare the rows that are still unproven with every point; top-k breaks ties by row."""
-    places, chunks = _unproven(verdict.proven, ALONE)
+    places, chunks = unproven(verdict.proven, ALONE)
     n = xyz.shape[0]
     valid = jnp.zeros(n, dtype=bool).at[jnp.where(tree.row < 0, n, tree.row).reshape(-1)].set(True, mode="drop")
     queries, own = targets.xyz.reshape(3, -1), _own(targets, include_self).reshape(-1)
