@@ -32,11 +32,12 @@ def _only_removal(remove: Callable[[PointCloud], OutlierResult]) -> Cleaner:
 
 
 def _adaptive(config: AdaptiveFilterConfig) -> Cleaner:
-    default_k = 40 if config.order == 0 else 100
+    default_k, default_gamma = (40, 0.1) if config.order == 0 else (100, 0.0)
+    gamma = default_gamma if config.gamma is None else config.gamma
 
     def run(cloud: PointCloud) -> PointCloud:
         # A weight that is off is left out, not multiplied by one.
-        edges = {} if config.gamma == 0 else {"gamma": config.gamma, "tau": config.tau}
+        edges = {} if gamma == 0 else {"gamma": gamma, "tau": config.tau}
         result = clean(
             cloud,
             removal_k=config.k,

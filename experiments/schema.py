@@ -70,7 +70,8 @@ class MedianFilterConfig(FilterConfig):
 class AdaptiveFilterConfig(FilterConfig):
     """Equations (2)-(8) behind statistical outlier removal; None estimates a value from the scan.
 
-    `smooth_k` None is 40 for the paper's mean and 100 for planes and quadrics, which need more points.
+    `smooth_k` None is 40 for the paper's mean and 100 for planes and quadrics, which need more points. `gamma` None is 0.1
+    for the mean and 0 for surfaces: eq. (7) gives more say to points that stick out, which noise makes too.
     """
 
     name: str = "adaptive"
@@ -81,7 +82,7 @@ class AdaptiveFilterConfig(FilterConfig):
     iterations: int = 1
     alpha: float | None = None
     beta_mm: float | None = None
-    gamma: float = 1.0
+    gamma: float | None = None
     tau: float | None = None
 
     def __post_init__(self) -> None:

@@ -1,0 +1,80 @@
+"""`cablejax denoise` in tiles from 1e5 points upwards, LAZ to LAZ: time and peak memory: `python -m benchmarks.tiles`.
+
+Each size runs in a process of its own, so that the peak is its own; compiling is part of the seconds.
+"""
+
+import argparse
+import json
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.timing import half_cylinder
+
+RESULT = Path("results/benchmarks/tiles.json")
+
+
+def write_scan(path: Path, n: int) -> None:
+    """A cable of n points with strays, a million at a time."""
+    from cablejax.io import PointWriter
+
+    with PointWriter(path) as writer:
+        for start in range(0, n, 1_000_000):
+            piece = half_cylinder(min(1_000_000, n - start), stray_share=0.02, seed=start)
+            writer.write(piece.astype(np.float64) + [0.0, 0.0, 300.0 * start / 53_135])
+
+
+def measure(source: str, target: str, tile: int, k: int) -> dict[str, float]:
+    """Seconds and peak memory of one run, and when each stage began."""
+    from cablejax.tiles import Settings, denoise_file
+
+    start, stages = time.perf_counter(), {}
+
+    def progress(stage: str, *_: int) -> None:
+        stages.setdefault(stage, round(time.perf_counter() - start, 2))
+
+    result = denoise_file(source, target, settings=Settings(k=k), tile_points=tile, progress=progress)
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+    return {**result._asdict(), "seconds": time.perf_counter() - start, "peak_gb": peak, "began_s": stages}
+
+
+def main() -> None:
+    """Measure every size, print and write the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--sizes", type=int, nargs="+", default=[100_000, 1_000_000, 10_000_000])
+    parser.add_argument("--tile", type=int, default=1 << 18)
+    parser.add_argument("--neighbors", type=int, default=100)
+    parser.add_argument("--write", action="store_true", help=f"write {RESULT}; leave it out on a busy machine")
+    parser.add_argument("--one", nargs=2, metavar=("SOURCE", "TARGET"), help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.one:
+        print(json.dumps(measure(*options.one, options.tile, options.neighbors)))
+        return
+    rows = []
+    for n in options.sizes:
+        with tempfile.TemporaryDirectory() as folder:
+            source, target = Path(folder) / "in.laz", Path(folder) / "out.laz"
+            write_scan(source, n)
+            command = [sys.executable, "-m", "benchmarks.tiles", "--one", str(source), str(target)]
+            command += ["--tile", str(options.tile), "--neighbors", str(options.neighbors)]
+            out = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+        row = json.loads(out.splitlines()[-1])
+        rows.append(row)
+        print(
+            f"{n:>11,} {row['tiles']:4d} tiles {row['seconds']:8.1f} s {row['peak_gb']:6.2f} GB  {row['began_s']}",
+            flush=True,
+        )
+    if options.write:
+        from cablejax.io import provenance, write_json
+
+        RESULT.parent.mkdir(parents=True, exist_ok=True)
+        write_json(RESULT, {"rows": rows, "provenance": provenance(seeds=[0], config=vars(options))})
+
+
+if __name__ == "__main__":
+    main()
