@@ -26,7 +26,7 @@ $(VENV)/.dev-stamp: requirements/dev.txt pyproject.toml | $(BIN)/python
 	@$(PIP) install --no-deps --no-build-isolation -e .
 	@touch $@ $(VENV)/.run-stamp
 
-.PHONY: help setup setup-dev run test lint format typecheck check results tables figures report notebooks lock clean
+.PHONY: help setup setup-dev run test lint format typecheck check results tabulate tables figures report notebooks lock clean
 help: ## List every target
 	@grep -hE '^[a-zA-Z0-9_-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  %-22s %s\n", $$1, $$2}'
 	@printf "  %-22s Sweep and collect one table or figure (SIZE=smoke, quick or paper)\n" $(EXPERIMENTS)
@@ -73,6 +73,9 @@ $(filter-out $(SWEEPS),$(EXPERIMENTS)): $(VENV)/.run-stamp
 .PHONY: $(EXPERIMENTS)
 
 results: table1_filtering table2_3_deviation diameter fig13_optimizers figures ## Make the committed results anew (clean checkout; SIZE=paper for the long form)
+
+tabulate: $(VENV)/.run-stamp ## Print parameters, FLOPs and shapes of every network
+	@$(BIN)/python -m cablejax.nets.tabulate
 
 tables: $(VENV)/.run-stamp ## Print the tables of results/
 	@$(BIN)/python -m experiments.tables --results results
