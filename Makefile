@@ -26,7 +26,7 @@ $(VENV)/.dev-stamp: requirements/dev.txt pyproject.toml | $(BIN)/python
 	@$(PIP) install --no-deps --no-build-isolation -e .
 	@touch $@ $(VENV)/.run-stamp
 
-.PHONY: help setup setup-dev run test lint format check results reproduce verify tables paper-tables figures report notebooks lock clean
+.PHONY: help setup setup-dev run test lint format check results reproduce verify tabulate tables paper-tables figures report notebooks lock clean
 help: ## List every target
 	@grep -hE '^[a-zA-Z0-9_-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  %-22s %s\n", $$1, $$2}'
 	@printf "  %-22s Sweep and collect one table or figure (SIZE=smoke, quick or paper)\n" $(EXPERIMENTS)
@@ -79,6 +79,9 @@ reproduce: results ## Everything from nothing: results, figures, README, noteboo
 
 verify: $(VENV)/.run-stamp ## Repeat a sample of the committed results and compare
 	@$(BIN)/python -m experiments.verify
+
+tabulate: $(VENV)/.run-stamp ## Print parameters, FLOPs and shapes of every network
+	@$(BIN)/python -m cablejax.nets.tabulate
 
 tables: $(VENV)/.run-stamp ## Print the tables of results/
 	@$(BIN)/python -m experiments.tables --results results

@@ -2,7 +2,7 @@
 
 from cablejax.nets.adgcnn import ADGCNN
 from cablejax.nets.aedgeconv import AEdgeConv, ChannelAttention
-from cablejax.nets.baselines import DGCNN, VGG16, AlexNet, PointNet, ResNet50
+from cablejax.nets.baselines import DGCNN, VGG16, AlexNet, PointNet, PointNet2, ResNet50
 from cablejax.nets.depth import depth_image
 from cablejax.nets.enhancement import FeatureEnhancement
 from cablejax.nets.fusion import FeatureFusion
@@ -22,6 +22,7 @@ __all__ = [
     "FeatureEnhancement",
     "FeatureFusion",
     "PointNet",
+    "PointNet2",
     "ResNet50",
     "build_model",
     "count_parameters",

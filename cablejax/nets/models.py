@@ -8,13 +8,14 @@ import jax
 from flax import nnx
 
 from cablejax.nets.adgcnn import ADGCNN
-from cablejax.nets.baselines import DGCNN, VGG16, AlexNet, PointNet, ResNet50
+from cablejax.nets.baselines import DGCNN, VGG16, AlexNet, PointNet, PointNet2, ResNet50
 
 MODELS: Mapping[str, Callable[..., nnx.Module]] = MappingProxyType(
     {
         "adgcnn": ADGCNN,
         "dgcnn": DGCNN,
         "pointnet": PointNet,
+        "pointnet2": PointNet2,
         "alexnet": AlexNet,
         "vgg16": VGG16,
         "resnet50": ResNet50,

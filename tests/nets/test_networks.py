@@ -9,6 +9,8 @@ import pytest
 from flax import nnx
 
 from cablejax.nets import MODELS, BatchNorm, build_model, count_parameters, depth_image
+from cablejax.nets.baselines.pointnet2 import farthest_points
+from cablejax.nets.tabulate import tabulate
 
 B, N, CLASSES = 3, 48, 5
 
@@ -29,6 +31,8 @@ def small(name):
     options = {"k": 6} if name in ("adgcnn", "dgcnn") else {}
     if name == "adgcnn":
         options |= {"widths": (8, 8, 8, 16), "raster_shape": (4, 8), "raster_width": 8}
+    if name == "pointnet2":
+        options = {"points": (16, 8), "neighbors": (6, 4), "radii_mm": (20.0, 40.0), "dropout": 0.0}
     return build_model(name, CLASSES, rngs=nnx.Rngs(0), **options)
 
 
@@ -56,13 +60,13 @@ def test_parameters_as_published(name, classes, options, published):
     assert count_parameters(model) == published
 
 
-@pytest.mark.parametrize(("name", "millions"), [("dgcnn", 1.8), ("pointnet", 3.5)])
+@pytest.mark.parametrize(("name", "millions"), [("dgcnn", 1.8), ("pointnet", 3.5), ("pointnet2", 1.5)])
 def test_point_networks_have_the_published_size(name, millions):
     model = nnx.eval_shape(lambda: build_model(name, 40, rngs=nnx.Rngs(0), pose="none"))
     assert round(count_parameters(model) / 1e6, 1) == millions
 
 
-@pytest.mark.parametrize("name", ["adgcnn", "pointnet"])
+@pytest.mark.parametrize("name", ["adgcnn", "pointnet", "pointnet2"])
 def test_padding_changes_neither_logits_nor_statistics(name):
     model = small(name)
     if name == "pointnet":
@@ -74,8 +78,9 @@ def test_padding_changes_neither_logits_nor_statistics(name):
             np.testing.assert_allclose(a, b, rtol=2e-3, atol=2e-3)
 
 
-def test_points_in_another_order_give_the_same_logits():
-    model = small("adgcnn")
+@pytest.mark.parametrize("name", ["adgcnn", "pointnet2"])
+def test_points_in_another_order_give_the_same_logits(name):
+    model = small(name)
     model.eval()
     xyz, mask = clouds()
     order = np.random.default_rng(1).permutation(N)
@@ -152,6 +157,25 @@ def test_batch_norm_equals_numpy_and_skips_rows_of_weight_zero():
     np.testing.assert_allclose(norm.var[...], 0.9 + 0.1 * var, rtol=1e-3)
 
 
+def test_farthest_points_equal_numpy():
+    rng = np.random.default_rng(0)
+    xyz, mask = rng.normal(size=(30, 3)), np.arange(30) < 25
+    valid = xyz[mask]
+    rows = [np.argmax(((valid - valid.mean(axis=0)) ** 2).sum(axis=1))]
+    for _ in range(7):
+        rows.append(np.argmax(np.min([((valid - valid[row]) ** 2).sum(axis=1) for row in rows], axis=0)))
+    found = farthest_points(jnp.asarray(xyz, jnp.float32), jnp.asarray(mask), m=8)
+    np.testing.assert_array_equal(found, rows)
+
+
+def test_table_of_a_network_adds_up():
+    text = tabulate("adgcnn", 13, n_points=64)
+    model = nnx.eval_shape(lambda: build_model("adgcnn", 13, rngs=nnx.Rngs(0)))
+    head, *rows = text.splitlines()
+    assert head.startswith(f"adgcnn: {count_parameters(model):,} parameters, ")
+    assert sum(int(row.split()[1].replace(",", "")) for row in rows) == count_parameters(model)
+
+
 def test_unknown_names_and_options_are_refused():
     with pytest.raises(ValueError, match="name: expected one of adgcnn"):
         build_model("lenet", 3, rngs=nnx.Rngs(0))
@@ -159,4 +183,4 @@ def test_unknown_names_and_options_are_refused():
         build_model("pointnet", 3, rngs=nnx.Rngs(0), depth=3)
     with pytest.raises(ValueError, match="pose: expected one of"):
         build_model("adgcnn", 3, rngs=nnx.Rngs(0), pose="sideways")
-    assert set(MODELS) == {"adgcnn", "dgcnn", "pointnet", "alexnet", "vgg16", "resnet50"}
+    assert set(MODELS) == {"adgcnn", "dgcnn", "pointnet", "pointnet2", "alexnet", "vgg16", "resnet50"}

@@ -63,29 +63,36 @@ def test_resumed_equals_uninterrupted(tmp_path, changes):
 
 
 KILLS = int(os.environ.get("CABLEJAX_KILLS", "2"))  # 20 for the long form
+EPOCHS = 60 * KILLS
 CHILD = """
 import sys
 import numpy as np
 from flax import nnx
 from cablejax.train import fit
 from tests.train.tiny import *
-result = fit(Tiny(nnx.Rngs(0)), split(), split(seed=1), settings(epochs=60), folder=sys.argv[1], progress=False)
+config = settings(epochs=int(sys.argv[3]))
+result = fit(Tiny(nnx.Rngs(0)), split(), split(seed=1), config, folder=sys.argv[1], progress=False)
 np.savez(sys.argv[2], *weights(result))
 """
 
 
+def newest(folder):
+    return max((path.name for path in folder.rglob("*.ckpt")), default="")
+
+
 def test_killed_runs_end_bit_identical(tmp_path):
-    command = [sys.executable, "-c", CHILD, str(tmp_path / "run"), str(tmp_path / "end.npz")]
+    command = [sys.executable, "-c", CHILD, str(tmp_path / "run"), str(tmp_path / "end.npz"), str(EPOCHS)]
     rng = np.random.default_rng(0)
     for _ in range(KILLS):
+        before = newest(tmp_path)
         child = subprocess.Popen(command, cwd=ROOT, env=os.environ)
-        while not list((tmp_path / "run").rglob("*.ckpt")) and child.poll() is None:
-            time.sleep(0.01)
-        time.sleep(rng.uniform(0.0, 0.3))
+        while newest(tmp_path) == before and child.poll() is None:  # it has gone on from where the last one died
+            time.sleep(0.005)
+        time.sleep(rng.uniform(0.0, 0.1))
         child.send_signal(signal.SIGKILL)
-        child.wait()
+        assert child.wait() == -signal.SIGKILL, "the run ended before it could be killed"
     subprocess.run(command, cwd=ROOT, env=os.environ, check=True)
-    whole = fit(Tiny(nnx.Rngs(0)), split(), split(seed=1), settings(epochs=60), progress=False)
+    whole = fit(Tiny(nnx.Rngs(0)), split(), split(seed=1), settings(epochs=EPOCHS), progress=False)
     with np.load(tmp_path / "end.npz") as end:
         for a, b in zip(weights(whole), end.values(), strict=True):
             np.testing.assert_array_equal(a, b)

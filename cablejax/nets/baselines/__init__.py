@@ -3,7 +3,8 @@
 from cablejax.nets.baselines.alexnet import AlexNet
 from cablejax.nets.baselines.dgcnn import DGCNN
 from cablejax.nets.baselines.pointnet import PointNet
+from cablejax.nets.baselines.pointnet2 import PointNet2
 from cablejax.nets.baselines.resnet import ResNet50
 from cablejax.nets.baselines.vgg import VGG16
 
-__all__ = ["DGCNN", "VGG16", "AlexNet", "PointNet", "ResNet50"]
+__all__ = ["DGCNN", "VGG16", "AlexNet", "PointNet", "PointNet2", "ResNet50"]
