@@ -29,7 +29,7 @@ def run_folder(options: argparse.Namespace, measure_one: Callable[[argparse.Name
     files = sorted(path for path in folder.iterdir() if path.is_file() and path.suffix.lower() in READABLE)
     files = [path for path in files if options.csv is None or path.resolve() != Path(options.csv).resolve()]
     if not files:
-        raise NoResultError(f"{folder}: no point file in this folder ({', '.join(READABLE)})")
+        raise NoResultError(f"{folder}: is a folder without point files ({', '.join(READABLE)})")
     if options.report is not None:
         Path(options.report).mkdir(parents=True, exist_ok=True)
     done = []
