@@ -105,12 +105,12 @@ def main() -> None:
     options = parser.parse_args()
     rows = []
     with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
-        found = pool.map(one_scan, range(options.scans), [options.points] * options.scans, chunksize=20)
+        found = pool.map(one_scan, range(options.scans), [options.points] * options.scans, chunksize=5)
         for row in found:
             rows.append(row)
             if len(rows) % 20 == 0:
                 print(len(rows), summary(rows), flush=True)
-            if options.out and (len(rows) % 100 == 0 or len(rows) == options.scans):
+            if options.out and (len(rows) % 20 == 0 or len(rows) == options.scans):
                 kept = provenance(seeds=[FIRST_KEY], config={"points": options.points, "scans": len(rows)})
                 write_json(options.out, {"table": tables(rows), "scans": rows, "provenance": kept})
                 if options.plot:

@@ -107,8 +107,11 @@ def segmented(xyz: np.ndarray) -> tuple[float, float]:
 
     Normals give the direction of the axis, Kasa's circle the start of the fit that `measure_cable` makes.
     """
-    near = surface(xyz)
-    along = np.linalg.svd(near.normals, full_matrices=False)[2][2]
+    near = surface(xyz, k=int(np.clip(len(xyz) // 8, 6, 24)))
+    _, spread, directions = np.linalg.svd(near.normals, full_matrices=False)
+    if spread[1] < 0.4 * spread[0]:  # normals within some 30 degrees of one another
+        return np.nan, 0.0
+    along = directions[2]
     across = frame(along)
     flat = xyz @ across.T
     middle = flat.mean(axis=0)

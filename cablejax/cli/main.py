@@ -18,6 +18,7 @@ EPILOG = """\
 exit codes: 0 a result, 1 no result (one line on stderr says why), 2 wrong usage
 examples:
   cablejax measure scan.ply --unit mm --catalogue 8.7/15 --report scan.html
+  cablejax measure scans/ --unit mm --csv all.csv --report reports/
   cablejax denoise scan.ply clean.ply --unit mm
   cablejax simulate scan.ply --size 240 --arc 180
 """
@@ -29,9 +30,12 @@ class NoResultError(Exception):
 
 def _scan_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "scan", help="point file: PLY, PCD, XYZ, TXT, CSV, PTS, PTX, OBJ, LAS, LAZ or E57, gzipped or not"
+        "scan",
+        help="point file (measure: or a folder of them): PLY, PCD, XYZ, TXT, CSV, PTS, PTX, OBJ, LAS, LAZ or E57, gzipped or not",
     )
-    parser.add_argument("--unit", choices=UNITS, help="unit of the file's coordinates (default: mm, with a warning)")
+    parser.add_argument(
+        "--unit", choices=UNITS, help="unit of the file's coordinates (default: mm or m by the extent, with a warning)"
+    )
 
 
 def _info(sub: argparse._SubParsersAction) -> None:
@@ -46,8 +50,42 @@ def _measure(sub: argparse._SubParsersAction) -> None:
         description="Find the cable in a scan and measure it. The diameter comes with a 95 %% interval and its budget.",
     )
     _scan_arguments(parser)
-    parser.add_argument("--report", metavar="FILE.html", help="write a self-contained report")
+    parser.add_argument(
+        "--report", metavar="FILE.html", help="write a self-contained report; a folder for a folder of scans"
+    )
+    parser.add_argument("--csv", metavar="FILE.csv", help="for a folder of scans: one row a scan")
+    _measure_options(parser)
+
+
+def _report(sub: argparse._SubParsersAction) -> None:
+    parser = sub.add_parser("report", help="measure a scan and write its self-contained HTML report")
+    _scan_arguments(parser)
+    parser.add_argument("report", metavar="report.html", help="file to write")
+    parser.set_defaults(csv=None)
+    _measure_options(parser)
+
+
+def _classify(sub: argparse._SubParsersAction) -> None:
+    parser = sub.add_parser("classify", help="the nominal size that a trained network sees in a scan")
+    _scan_arguments(parser)
+    parser.add_argument("--checkpoint", required=True, metavar="FOLDER", help="of a run of experiments.train")
+    parser.add_argument("--seed", type=int, default=0, help="of the samples that the network sees (default: 0)")
+
+
+def _completion(sub: argparse._SubParsersAction) -> None:
+    parser = sub.add_parser("completion", help="a script for the shell: source <(cablejax completion bash)")
+    parser.add_argument("shell", choices=("bash", "zsh"))
+
+
+def _measure_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--catalogue", metavar="KV", help="tell the nominal size, by rated voltage U0/U: 8.7/15")
+    parser.add_argument(
+        "--tolerance",
+        type=float,
+        nargs=2,
+        metavar=("LOW", "HIGH"),
+        help="limits of the diameter in mm: pass, fail or undecided",
+    )
     parser.add_argument("--section", type=float, metavar="MM", help="distance between sections (default: D/4)")
     parser.add_argument("--registration-std", type=float, default=0.0, metavar="MM", help="of the stations' alignment")
     parser.add_argument(
@@ -116,7 +154,16 @@ def _simulate(sub: argparse._SubParsersAction) -> None:
     )
 
 
-COMMANDS = {"info": _info, "measure": _measure, "denoise": _denoise, "register": _register, "simulate": _simulate}
+COMMANDS = {
+    "info": _info,
+    "measure": _measure,
+    "report": _report,
+    "denoise": _denoise,
+    "register": _register,
+    "classify": _classify,
+    "simulate": _simulate,
+    "completion": _completion,
+}
 
 
 def build_parser() -> argparse.ArgumentParser:

@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cablejax.cli import batch
 from cablejax.cli.main import NoResultError
 from cablejax.cli.scans import check_output, load, rows, say
 
@@ -26,13 +27,33 @@ def _sizes(voltage: str | None) -> dict[str, float] | None:
 
 
 def run(options: argparse.Namespace) -> dict[str, Any]:
-    """Read, measure, write the report."""
+    """Measure a scan, or every scan of a folder."""
+    if Path(options.scan).is_dir() and options.command == "measure":
+        return batch.run_folder(options, _one)
+    if options.csv is not None:
+        raise NoResultError("--csv: is for a folder of scans; give --json for one")
+    return _one(options)
+
+
+def _one(options: argparse.Namespace) -> dict[str, Any]:
+    """Read, measure, judge, write the report."""
+    if options.tolerance is not None and not options.tolerance[0] < options.tolerance[1]:
+        raise NoResultError(
+            f"--tolerance: expected LOW below HIGH, got {options.tolerance[0]:g} {options.tolerance[1]:g}"
+        )
     if options.report is not None:
         Path(options.report).parent.mkdir(parents=True, exist_ok=True)
         check_output(options.report, (".html", ".htm"))
     sizes = _sizes(options.catalogue)
     scan = load(options, options.scan)
-    from cablejax.measure import MeasureError, MeasureSettings, measure_cable
+    from cablejax.measure import (
+        MeasureError,
+        MeasureSettings,
+        bend_conformity,
+        conformity,
+        irregularities,
+        measure_cable,
+    )
 
     settings = MeasureSettings(
         section_mm=options.section,
@@ -48,7 +69,20 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
         raise NoResultError(f"{options.scan}: {error}") from None
     if options.report is not None:
         _write_report(options, scan, result)
-    return {"file": str(scan.path), "file_unit": scan.unit, "dropped": scan.dropped, **result.to_dict()}
+    judged = None
+    if options.tolerance is not None:
+        low, high = options.tolerance
+        judged = conformity(result.diameter_mm, result.std_mm, low=low, high=high)
+    return {
+        "file": str(scan.path),
+        "file_unit": scan.unit,
+        "dropped": scan.dropped,
+        **result.to_dict(),
+        "tolerance_mm": options.tolerance,
+        "conformity": judged,
+        "bend_conformity": bend_conformity(result.bend_interval_mm, result.diameter_mm),
+        "irregularities": [one._asdict() for one in irregularities(result.sections)],
+    }
 
 
 def _write_report(options: argparse.Namespace, scan: "PointFile", result: "CableMeasurement") -> None:
@@ -69,6 +103,8 @@ def _interval(interval: list[float] | None, digits: str = ".3f") -> str:
 
 def table(result: dict[str, Any]) -> str:
     """The result for reading: numbers, budget, nominal sizes, warnings."""
+    if "scans" in result:
+        return batch.table(result)
     r = result
     bend = "straight within its uncertainty"
     if r["bend_radius_mm"] is not None:
@@ -81,11 +117,17 @@ def table(result: dict[str, Any]) -> str:
     pairs += [
         ("length", f"{r['length_mm']:.1f} mm"),
         ("bend radius", bend),
+        ("least bend radius", ", ".join(f"{name} {judged}" for name, judged in r["bend_conformity"].items())),
         ("seen", f"{r['arc_deg']:.0f} degrees of the circumference, {r['points']:,} points"),
         ("noise", f"{r['noise_mm']:.3f} mm (standard deviation about the surface)"),
     ]
     if r["verdict"] is not None:
         pairs.append(("nominal size", r["verdict"]))
+    if r["conformity"] is not None:
+        low, high = r["tolerance_mm"]
+        pairs.insert(1, ("within tolerance", f"{r['conformity']} ({low:g} to {high:g} mm)"))
+    for one in r["irregularities"]:
+        pairs.append((one["kind"], f"at {one['from_mm']:.0f} to {one['to_mm']:.0f} mm, {one['change_mm']:+.2f} mm"))
     parts = [f"{r['file']}", rows(pairs), "", "  uncertainty of the diameter (standard deviation)"]
     total = ("together", f"{r['std_mm']:.4f} mm")
     parts.append(rows([*((line["source"], f"{line['std_mm']:.4f} mm") for line in r["budget"]), total]))

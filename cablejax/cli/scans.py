@@ -12,6 +12,9 @@ if TYPE_CHECKING:
     from cablejax.io import PointFile
 
 
+LEAST_MM = 30.0  # no scan of a cable is shorter than its own thickness
+
+
 def say(options: argparse.Namespace, text: str) -> None:
     """A line of progress on stderr, unless `--quiet`."""
     if not options.quiet:
@@ -20,7 +23,7 @@ def say(options: argparse.Namespace, text: str) -> None:
 
 
 def load(options: argparse.Namespace, path: str) -> "PointFile":
-    """Read a scan in the unit given, in mm with a warning if none was.
+    """Read a scan in the unit given; if none was, in mm, or in m where that would be less than `LEAST_MM`, with a warning.
 
     Raises:
         NoResultError: If the file gives no cloud.
@@ -33,7 +36,12 @@ def load(options: argparse.Namespace, path: str) -> "PointFile":
     except PointFileError as error:
         raise NoResultError(str(error)) from None
     if options.unit is None:
-        sys.stderr.write("cablejax: warning: no --unit given, the file is taken to be in mm\n")
+        extent = float((scan.xyz_mm.max(axis=0) - scan.xyz_mm.min(axis=0)).max())
+        unit = "m" if 0 < extent < LEAST_MM else "mm"
+        if unit == "m":
+            scan = read_points(path, unit="m")
+        why = f"its longest side is {extent:.3g}"
+        sys.stderr.write(f"cablejax: warning: no --unit given, the file is taken to be in {unit}: {why}\n")
     scan = _without_misses(options, scan)
     if scan.dropped:
         say(options, f"{scan.dropped:,} invalid returns left out, {len(scan.xyz_mm):,} points kept")

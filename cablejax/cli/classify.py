@@ -1,0 +1,119 @@
+"""`cablejax classify`: the nominal size that a trained network sees in a scan."""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cablejax.cli.main import NoResultError
+from cablejax.cli.scans import load, rows, say
+
+if TYPE_CHECKING:
+    import numpy as np
+
+PIECES = 16  # samples of the cable whose logits are averaged
+PIECE_MM = 100.0  # length of cable that a training cloud shows
+
+
+def _restored(folder: Path, record: dict[str, Any]):
+    """The network of a run of `experiments.train`, with the weights that were best on validation.
+
+    Raises:
+        NoResultError: If the folder holds no whole checkpoint of that network.
+    """
+    import jax
+    import jax.numpy as jnp
+    from flax import nnx
+
+    from cablejax.io import restore_checkpoint
+    from cablejax.nets import build_model
+    from cablejax.train import TrainConfig
+    from cablejax.train.engine import Engine, make_plan
+
+    config, optimizer = record["config"], record["config"]["optimizer"]
+    settings = TrainConfig(
+        optimizer=optimizer["name"], learning_rate=optimizer["learning_rate"],
+        optimizer_options=dict(optimizer["options"]), epochs=config["training"]["epochs"],
+        batch_size=config["training"]["batch_size"], keep_best=True,
+    )  # fmt: skip
+    classes = len(config["dataset"]["sizes_mm2"])
+    model = build_model(config["model"]["name"], classes, rngs=nnx.Rngs(0), **config["model"]["options"])
+    engine = Engine(model, settings, make_plan(classes * config["dataset"]["train_per_class"], settings))
+    state = engine.initial_state()
+    try:
+        found = restore_checkpoint(folder / "checkpoints", (state, jax.tree.map(jnp.copy, engine.weights(state))))
+    except ValueError as error:
+        raise NoResultError(f"{folder}: {error}") from None
+    if found is None:
+        raise NoResultError(f"{folder}: no whole checkpoint in {folder / 'checkpoints'}")
+    return engine.model(found.tree[1])
+
+
+def _pieces(xyz: "np.ndarray", along: "np.ndarray", dataset: dict[str, Any], seed: int):
+    """Random samples of stretches of the cable, posed as the training clouds were: `[PIECES, n, 3]`."""
+    import jax
+    import numpy as np
+
+    from cablejax.simulate.pose import canonical_pose, centred
+
+    rng, n = np.random.default_rng(seed), dataset["n_points"]
+    clouds = []
+    for _ in range(PIECES):
+        start = rng.uniform(along.min(), max(along.max() - PIECE_MM, along.min()))
+        here = np.flatnonzero((along >= start) & (along <= start + PIECE_MM))
+        here = here if len(here) >= n else np.argsort(np.abs(along - start - PIECE_MM / 2))[: max(n, len(here))]
+        clouds.append(xyz[rng.choice(here, size=n, replace=len(here) < n)])
+    stacked = np.stack(clouds)
+    stacked = (stacked - stacked.mean(axis=1, keepdims=True)).astype(np.float32)
+    mask = np.ones(stacked.shape[:2], dtype=bool)
+    return jax.vmap(canonical_pose if dataset["canonical_pose"] else centred)(stacked, mask), mask
+
+
+def run(options: argparse.Namespace) -> dict[str, Any]:
+    """Find the cable, sample it, average the network's probabilities over the samples."""
+    from cablejax.io import read_json
+
+    folder = Path(options.checkpoint)
+    record_file = folder / "run.json"
+    if not record_file.is_file():
+        raise NoResultError(f"--checkpoint {folder}: no run.json; give the folder of a run of experiments.train")
+    record = read_json(record_file)
+    if "labels_mm2" not in record.get("metrics", {}):
+        raise NoResultError(f"--checkpoint {folder}: this run trained no classifier")
+    scan = load(options, options.scan)
+    import jax
+    import numpy as np
+
+    from cablejax.measure import MeasureError, measure_cable
+
+    model = _restored(folder, record)
+    say(options, f"looking for the cable in {len(scan.xyz_mm):,} points")
+    try:
+        measured = measure_cable(scan.xyz_mm)
+    except MeasureError as error:
+        raise NoResultError(f"{options.scan}: {error}") from None
+    xyz, along = scan.xyz_mm[measured.keep], measured.along_mm[measured.keep]
+    clouds, mask = _pieces(xyz, along, record["config"]["dataset"], options.seed)
+    logits = np.asarray(model(clouds, mask))
+    chance = np.asarray(jax.nn.softmax(logits, axis=1)).mean(axis=0)
+    order = np.argsort(-chance)
+    labels = record["metrics"]["labels_mm2"]
+    return {
+        "file": str(scan.path),
+        "checkpoint": str(folder),
+        "model": record["config"]["model"]["name"],
+        "test_accuracy": record["metrics"]["test_overall"],
+        "size_mm2": labels[order[0]],
+        "probabilities": {labels[i]: float(chance[i]) for i in order},
+        "measured_diameter_mm": measured.diameter_mm,
+    }
+
+
+def table(result: dict[str, Any]) -> str:
+    """The result for reading."""
+    pairs = [
+        ("size", f"{result['size_mm2']} mm2, by {result['model']}"),
+        ("accuracy of the network", f"{100 * result['test_accuracy']:.1f} % on its own test clouds"),
+        ("diameter measured", f"{result['measured_diameter_mm']:.3f} mm"),
+        *((f"{name} mm2", f"{100 * p:.1f} %") for name, p in result["probabilities"].items() if p >= 0.001),
+    ]
+    return "\n".join([result["file"], rows(pairs)])
