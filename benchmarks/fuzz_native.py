@@ -18,6 +18,8 @@ import time
 def load(path):
     """The module in a file, without its package."""
     spec = importlib.util.spec_from_file_location("child", path)
+    assert spec is not None
+    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
