@@ -24,7 +24,7 @@ def contenders(xyz: np.ndarray, k: int) -> dict[str, Callable[[], np.ndarray]]:
     """Searches by name; each returns squared distances `[n, k]`, the point itself left out."""
     import jax
     import jax.numpy as jnp
-    from scipy.spatial import cKDTree
+    from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue]
 
     from cablejax.ops import knn
 
@@ -55,7 +55,7 @@ def contenders(xyz: np.ndarray, k: int) -> dict[str, Callable[[], np.ndarray]]:
     def jaxkd() -> np.ndarray:
         from jaxkd import build_and_query
 
-        return np.asarray(jax.block_until_ready(build_and_query(points, points, k + 1))[1])[:, 1:] ** 2
+        return np.asarray(jax.block_until_ready(build_and_query(points, points, k=k + 1))[1])[:, 1:] ** 2
 
     runs = {"cablejax": ours, "open3d": open3d, "scipy": scipy, "pykdtree": pykdtree, "scikit-learn": sklearn}
     return runs | ({"jaxkd": jaxkd} if len(xyz) <= JAXKD_POINTS else {})
