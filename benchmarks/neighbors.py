@@ -1,7 +1,10 @@
-"""Exact nearest neighbours beside Open3D, SciPy, pykdtree and scikit-learn, in one run: `python -m benchmarks.neighbors`.
+"""Exact nearest neighbours and statistical removal beside Open3D, SciPy, pykdtree and scikit-learn, in one run.
 
-Every contender builds its index and finds the k nearest other points of all points of one simulated cable scan. Rounds
-alternate between contenders, so that a busy moment of the machine hits all of them; ratios of medians are the result.
+    python -m benchmarks.neighbors --write
+
+Every contender builds its index and finds the k nearest other points of all points of one simulated cable scan; then
+statistical removal with the same k, ours and Open3D's. Rounds alternate between contenders, so that a busy moment of the
+machine hits all of them; ratios of medians are the result. jaxkd takes minutes at this size and joins up to 5,000 points.
 """
 
 import argparse
@@ -11,9 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.timing import alternate, half_cylinder, open3d_module
+from benchmarks.timing import alternate, cable_scan, open3d_module
 
-RESULT = Path("results/benchmarks/neighbors.json")
+RESULTS = Path("results/benchmarks")
+JAXKD_POINTS = 5000
 
 
 def contenders(xyz: np.ndarray, k: int) -> dict[str, Callable[[], np.ndarray]]:
@@ -48,7 +52,29 @@ def contenders(xyz: np.ndarray, k: int) -> dict[str, Callable[[], np.ndarray]]:
 
         return NearestNeighbors(algorithm="kd_tree", n_jobs=-1).fit(xyz).kneighbors(n_neighbors=k)[0] ** 2
 
-    return {"cablejax": ours, "open3d": open3d, "scipy": scipy, "pykdtree": pykdtree, "scikit-learn": sklearn}
+    def jaxkd() -> np.ndarray:
+        from jaxkd import build_and_query
+
+        return np.asarray(jax.block_until_ready(build_and_query(points, points, k + 1))[1])[:, 1:] ** 2
+
+    runs = {"cablejax": ours, "open3d": open3d, "scipy": scipy, "pykdtree": pykdtree, "scikit-learn": sklearn}
+    return runs | ({"jaxkd": jaxkd} if len(xyz) <= JAXKD_POINTS else {})
+
+
+def removals(xyz: np.ndarray, k: int) -> dict[str, Callable[[], int]]:
+    """Statistical removals by name; each returns how many points it keeps."""
+    import jax.numpy as jnp
+
+    from cablejax.ops import statistical_outliers
+    from cablejax.types import PointCloud
+
+    open3d = open3d_module()
+    cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(xyz.astype(np.float64)))
+    ours = PointCloud(jnp.asarray(xyz), jnp.ones(len(xyz), dtype=bool))
+    return {
+        "cablejax": lambda: int(statistical_outliers(ours, k=k).keep.sum()),
+        "open3d": lambda: len(cloud.remove_statistical_outlier(k, 2.0)[1]),
+    }
 
 
 def main() -> None:
@@ -57,20 +83,26 @@ def main() -> None:
     parser.add_argument("--points", type=int, default=53_135)
     parser.add_argument("--k", type=int, default=20)
     parser.add_argument("--rounds", type=int, default=11)
-    parser.add_argument("--noise-mm", type=float, default=0.385)
-    parser.add_argument("--stray-share", type=float, default=0.0)
-    parser.add_argument("--write", action="store_true", help=f"write {RESULT}; leave it out on a busy machine")
+    parser.add_argument("--preset", default="line-laser", help="scanner of the simulated scan")
+    parser.add_argument("--write", action="store_true", help=f"write to {RESULTS}; leave it out on a busy machine")
     options = parser.parse_args()
-    xyz = half_cylinder(options.points, noise_mm=options.noise_mm, stray_share=options.stray_share)
-    runs = contenders(xyz, options.k)
-    start = time.perf_counter()
+    xyz = cable_scan(options.points, preset=options.preset)
+    runs, removing = contenders(xyz, options.k), removals(xyz, options.k)
     expected = runs["scipy"]()
-    first = {}
+    first, first_removal = {}, {}
     for name, run in runs.items():
         start = time.perf_counter()
         np.testing.assert_allclose(run(), expected, rtol=1e-4, atol=1e-9, err_msg=name)
         first[name] = time.perf_counter() - start
-    alternate("neighbors", runs, first, vars(options), RESULT if options.write else None)
+    for name, run in removing.items():
+        start = time.perf_counter()
+        kept = run()
+        first_removal[name] = time.perf_counter() - start
+        print(f"{name} keeps {kept} points")
+    config = {name: value for name, value in vars(options).items() if name != "write"}
+    path = RESULTS if options.write else None
+    alternate("neighbors", runs, first, config, path and path / f"neighbors_{options.points}.json")
+    alternate("statistical removal", removing, first_removal, config, path and path / f"removal_{options.points}.json")
 
 
 if __name__ == "__main__":

@@ -20,6 +20,16 @@ def open3d_module() -> ModuleType:
     return open3d
 
 
+def cable_scan(n: int, *, preset: str = "line-laser", seed: int = 0) -> np.ndarray:
+    """Points `[n, 3]` float32 of a simulated scan of one cable, 2 % of them in the air."""
+    import jax
+
+    from cablejax.simulate import catalogue, simulate_scan
+
+    scan = simulate_scan(catalogue()[8], n_points=n, preset=preset, key=jax.random.key(seed))
+    return np.asarray(scan.xyz_mm, dtype=np.float32)
+
+
 def half_cylinder(
     n: int, *, noise_mm: float = 0.385, stray_share: float = 0.0, radius_mm: float = 15.0, seed: int = 0
 ) -> np.ndarray:

@@ -8,9 +8,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from cablejax.ops.neighbors_brute import count_brute, knn_brute
-from cablejax.ops.neighbors_rank import in_order
-from cablejax.ops.neighbors_search import search
-from cablejax.ops.neighbors_tree import build, depth_for
+from cablejax.ops.neighbors_rank import Ranked, in_order
+from cablejax.ops.neighbors_search import Finish, search
+from cablejax.ops.neighbors_tree import Tree, build, depth_for
+from cablejax.ops.neighbors_within import count_within
 from cablejax.types import Status
 
 BRUTE_POINTS = 4096  # up to here comparing all pairs costs less than a tree
@@ -81,15 +82,49 @@ def knn(
     if k < 1:
         raise ValueError(f"k: expected at least 1, got {k}")
     cloud = _prepare(xyz, queries, mask, include_self)
-    if xyz.shape[1] == 3 and xyz.shape[0] > BRUTE_POINTS:
-        neighbors = _tree_knn(cloud, queries is None, include_self, k)
+    if _has_tree(xyz):
+        neighbors, sq_dist = _by_tree(cloud, queries is None, include_self, k, partial(in_order, k=k))
     else:
-        neighbors, _ = knn_brute(cloud.queries, cloud.xyz, cloud.valid, cloud.skip, k=k)
-    neighbors = jnp.where(cloud.asked[:, None] & cloud.finite[:, None], neighbors, -1)
-    sq_dist = _measure(xyz, xyz if queries is None else queries, neighbors)
+        neighbors, sq_dist = knn_brute(cloud.queries, cloud.xyz, cloud.valid, cloud.skip, k=k)
+    usable = (cloud.asked & cloud.finite)[:, None]
+    neighbors, sq_dist = jnp.where(usable, neighbors, -1), jnp.where(usable, sq_dist, jnp.inf)
+    sq_dist = _differentiable(sq_dist, neighbors, xyz, xyz if queries is None else queries)
     few = cloud.asked & cloud.finite & (neighbors[:, -1] < 0)
     status = few * int(Status.TOO_FEW_NEIGHBORS) | (cloud.asked & ~cloud.finite) * int(Status.NOT_FINITE)
     return KnnResult(neighbors, sq_dist, status.astype(jnp.int32))
+
+
+@partial(jax.jit, static_argnames=("k",))
+def distance_sums(
+    xyz: Float[Array, "n c"], *, k: int, mask: Bool[Array, " n"] | None = None
+) -> tuple[Float[Array, " n"], Int[Array, " n"], Int[Array, " n"]]:
+    """Sum of the distances to each point's k nearest others: what `knn` would give, without ranking or listing them.
+
+    Args:
+        xyz: Points `[n, c]`, any unit.
+        k: Neighbours per point. Static.
+        mask: True where a row is a point `[n]`; all if None.
+
+    Returns:
+        Sums `[n]`, numbers of neighbours summed `[n]`, and status as in `knn`. No gradient flows through the sums.
+    """
+    if not _has_tree(xyz):
+        found = knn(xyz, k=k, mask=mask)
+        near = jnp.isfinite(found.sq_dist)
+        return jnp.sqrt(jnp.where(near, found.sq_dist, 0.0)).sum(axis=1), near.sum(axis=1), found.status
+    cloud = _prepare(xyz, None, mask, False)
+    total, count = _by_tree(cloud, True, False, k, partial(_distance_sum, k=k))
+    usable = cloud.asked & cloud.finite
+    total, count = jnp.where(usable, total, 0.0), jnp.where(usable, count, 0)
+    few = usable & (count < k)
+    status = few * int(Status.TOO_FEW_NEIGHBORS) | (cloud.asked & ~cloud.finite) * int(Status.NOT_FINITE)
+    return total, count, status.astype(jnp.int32)
+
+
+def _distance_sum(ranked: Ranked, k: int) -> tuple[Array, Array]:
+    """Sum of the k smallest distances of each query, and how many there are."""
+    near = (ranked.rank < k) & (ranked.row >= 0)
+    return jnp.sqrt(jnp.where(near, ranked.sq_dist, 0.0)).sum(axis=1), near.sum(axis=1, dtype=jnp.int32)
 
 
 def knn_features(features: Float[Array, "n c"], *, k: int, mask: Bool[Array, " n"] | None = None) -> KnnResult:
@@ -145,21 +180,42 @@ def radius_count(
     """Count the points within a radius of each query, distance <= radius; arguments as `radius_search`."""
     cloud = _prepare(xyz, queries, mask, include_self)
     square_radius = jnp.square(jnp.asarray(radius, dtype=xyz.dtype))
-    count = count_brute(cloud.queries, cloud.xyz, cloud.valid, cloud.skip, square_radius)
+    if _has_tree(xyz):
+        tree, targets = _trees(cloud, queries is None)
+        found = count_within(cloud.xyz, cloud.valid, tree, targets, square_radius)[
+            _places(targets, cloud.queries.shape[0])
+        ]
+        # The point itself lies within any radius; `skip` is its row where it must not count.
+        count = found - (cloud.skip >= 0)
+    else:
+        count = count_brute(cloud.queries, cloud.xyz, cloud.valid, cloud.skip, square_radius)
     return jnp.where(cloud.asked & cloud.finite, count, 0)
 
 
-def _tree_knn(cloud: "_Search", own: bool, include_self: bool, k: int) -> Array:
-    """Neighbours `[q, k]` by the tree; queries that are not the points get a tree of their own."""
+def _has_tree(xyz: Array) -> bool:
+    """Whether a cloud is searched by a tree."""
+    return xyz.shape[1] == 3 and xyz.shape[0] > BRUTE_POINTS
+
+
+def _by_tree(cloud: "_Search", own: bool, include_self: bool, k: int, finish: Finish) -> tuple[Array, ...]:
+    """What `finish` makes of each query's neighbours; queries that are not the points get a tree of their own."""
+    tree, targets = _trees(cloud, own)
+    found = search(cloud.xyz, tree, targets, k=k, include_self=include_self or not own, finish=finish)
+    place = _places(targets, cloud.queries.shape[0])
+    return tuple(array[place] for array in found)
+
+
+def _trees(cloud: "_Search", own: bool) -> tuple[Tree, Tree]:
+    """The points and the queries as trees of one depth."""
     depth = depth_for(cloud.xyz.shape[0])
     tree = build(cloud.xyz, cloud.valid, depth=depth)
-    targets = tree if own else build(cloud.queries, cloud.asked & cloud.finite, depth=depth)
-    first = partial(in_order, k=k)
-    found, _ = search(cloud.xyz, tree, targets, k=k, include_self=include_self or not own, finish=first)
+    return tree, tree if own else build(cloud.queries, cloud.asked & cloud.finite, depth=depth)
+
+
+def _places(targets: Tree, q: int) -> Int[Array, " q"]:
+    """The place of each query in its tree; 0 for those that are not in it."""
     row = targets.row.reshape(-1)
-    q = cloud.queries.shape[0]
-    place = jnp.zeros(q, dtype=jnp.int32).at[jnp.where(row < 0, q, row)].set(jnp.arange(row.size), mode="drop")
-    return found[place]
+    return jnp.zeros(q, dtype=jnp.int32).at[jnp.where(row < 0, q, row)].set(jnp.arange(row.size), mode="drop")
 
 
 class _Search(NamedTuple):
@@ -196,9 +252,19 @@ def _prepare(xyz: Array, queries: Array | None, mask: Array | None, include_self
     return _Search(clean, valid, queries, asked, query_finite, jnp.full(queries.shape[0], -1))
 
 
-def _measure(xyz: Array, queries: Array, neighbors: Array) -> Array:
-    """Squared distances `[q, k]` from the neighbours' own coordinates: exact, and differentiable."""
-    found = neighbors >= 0
-    difference = queries[:, None, :] - xyz[jnp.maximum(neighbors, 0)]
-    # Double where: a NaN in a row that is not used must not reach the gradient.
-    return jnp.where(found, jnp.square(jnp.where(found[..., None], difference, 0.0)).sum(axis=-1), jnp.inf)
+@jax.custom_jvp
+def _differentiable(sq_dist: Array, neighbors: Array, xyz: Array, queries: Array) -> Array:
+    """Squared distances `[q, k]` as the search found them, with the gradient that they have in the coordinates."""
+    del neighbors, xyz, queries
+    return sq_dist
+
+
+@_differentiable.defjvp
+def _differentiable_jvp(primals: tuple, tangents: tuple) -> tuple[Array, Array]:
+    sq_dist, neighbors, xyz, queries = primals
+    *_, moved, moved_queries = tangents
+    at, found = jnp.maximum(neighbors, 0), (neighbors >= 0)[:, :, None]
+    # Where there is no neighbour both factors are zero: a NaN in a row that is not used must not reach the gradient.
+    difference = jnp.where(found, queries[:, None, :] - xyz[at], 0.0)
+    change = jnp.where(found, moved_queries[:, None, :] - moved[at], 0.0)
+    return sq_dist, 2.0 * jnp.sum(difference * change, axis=-1)

@@ -3,7 +3,6 @@
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from jax import lax
 from jaxtyping import Array, Float, Int
 
 from cablejax.ops.neighbors_select import LARGEST, WORD, columns, narrow, selected
@@ -47,7 +46,6 @@ def children(
     *,
     most: int,
     from_root: bool = False,
-    many: bool = False,
 ) -> Near:
     """From the nodes near each parent to the nearest of their children for each of its boxes.
 
@@ -59,10 +57,9 @@ def children(
         reach: Squared distance beyond which nothing is wanted `[p * t]`; LARGEST for no limit.
         most: Children kept. Static.
         from_root: Whether `near` is the root and all nodes of the level are its children. Static.
-        many: Whether there are so many boxes that counting pays off against `top_k`. Static.
 
     Returns:
-        Children within reach, at most `most` for each box.
+        Children within reach, at most `most` for each box: all of them, or up to a sixth fewer than `most`.
     """
     above = 1 if from_root or level == 0 else tree.levels[level - 1].lower.shape[1]
     split = tree.levels[level].lower.shape[1] // above
@@ -72,29 +69,24 @@ def children(
     child = jnp.pad(child, ((0, 0), (0, -child.shape[1] % WORD)), constant_values=-1)
     score = _gaps(tree.levels[level], child, boxes, times)
     score = jnp.where(score <= reach[:, None], score, jnp.inf)
-    most = min(most, child.shape[1] - 1)
-    picked, bound = (_nearest_by_counting if many else _nearest_by_sorting)(score, boxes, most)
+    picked, bound = _nearest(score, boxes, min(most, child.shape[1]))
     owner = jnp.repeat(jnp.arange(parents), times)[:, None]
     node = jnp.where(picked >= 0, child.at[owner, jnp.maximum(picked, 0)].get(mode="promise_in_bounds"), -1)
     bound = jnp.where(bound < LARGEST, bound, jnp.where(reach < LARGEST, reach, LARGEST))
     return Near(node, jnp.minimum(jnp.repeat(near.bound, times), bound))
 
 
-def _nearest_by_sorting(score: Float[Array, "b c"], boxes: Boxes, most: int) -> tuple[Array, Array]:
-    """Columns of the smallest scores, -1 where there are fewer, and the smallest score left out."""
-    del boxes
-    negative, column = lax.top_k(-score, most + 1)
-    column = jnp.where(negative > -jnp.inf, column, -1)
-    return column[:, :most], jnp.minimum(-negative[:, most], LARGEST)
-
-
-def _nearest_by_counting(score: Float[Array, "b c"], boxes: Boxes, most: int) -> tuple[Array, Array]:
-    """The same from a threshold: a few less than `most` columns, and the threshold."""
+def _nearest(score: Float[Array, "b c"], boxes: Boxes, most: int) -> tuple[Array, Array]:
+    """Columns of the smallest scores, -1 where there are fewer, and a bound below all that are left out."""
     score = score.reshape(score.shape[0], -1, WORD)
-    cap = jnp.full(score.shape[0], LARGEST)
     guess = jnp.maximum(1e-30, jnp.square(jnp.max(boxes.sides(), axis=0)))
     active = boxes.upper[0] >= boxes.lower[0]
-    found = narrow(lambda s: s, score, least=most - most // 6, most=most, guess=guess, cap=cap, active=active)
+
+    def word(scores: Array, i: int) -> Array:
+        return scores[:, i, :]
+
+    least, words = most - most // 6, score.shape[1]
+    found = narrow(word, score, words=words, least=least, most=most, guess=guess, active=active)
     return columns(selected(score, found.value), most), jnp.where(found.complete, found.value, 0.0)
 
 

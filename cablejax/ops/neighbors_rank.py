@@ -7,7 +7,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from cablejax.ops.neighbors_descent import Near
-from cablejax.ops.neighbors_select import LARGEST, WORD, columns, narrow, selected
+from cablejax.ops.neighbors_select import LARGEST, WORD, apart, columns, narrow, selected
 from cablejax.ops.neighbors_tree import LEAF, Tree
 
 SURE = 1.0 - 1e-6  # below this share of a bound, rounding of a squared distance measured in two ways does not matter
@@ -40,8 +40,8 @@ class Verdict(NamedTuple):
 
 
 def slots_for(k: int) -> int:
-    """Candidates measured exactly for k neighbours: room for the point itself, near ties, and a quick threshold."""
-    return -(-(k + 9 + k // 8) // 4) * 4
+    """Candidates ranked for k neighbours: room for the point itself, near ties, and a quick threshold."""
+    return -(-(k + 8 + k // 8) // 4) * 4
 
 
 def rank_blocks(
@@ -50,7 +50,6 @@ def rank_blocks(
     own_row: Int[Array, "b q"],
     near: Near,
     guess: Float[Array, "b q"],
-    reach: Float[Array, "b q"],
     *,
     k: int,
 ) -> tuple[Ranked, Verdict]:
@@ -60,35 +59,43 @@ def rank_blocks(
         tree: The points searched.
         xyz: Queries `[3, b, q]`.
         own_row: Row that a query must not find `[b, q]`, -1 for none, -2 where there is no query.
-        near: Leaves of each block, an even number.
+        near: Leaves of each block, a multiple of four.
         guess: Squared distance at which about k points are expected `[b, q]`.
-        reach: Squared distance beyond which none is wanted `[b, q]`; LARGEST for no limit.
         k: Neighbours wanted. Static.
 
     Returns:
         Ranked candidates and verdicts, one row per query.
     """
-    blocks, slots = own_row.shape[0], slots_for(k)
+    blocks, q = own_row.shape
+    slots = min(slots_for(k), near.node.shape[1] * LEAF)
     leaf = jnp.maximum(near.node, 0)
     there = (tree.row[leaf] >= 0) & (near.node >= 0)[:, :, None]
     candidates = jnp.where(there[None], tree.xyz[:, leaf], jnp.inf).reshape(3, blocks, 1, -1, WORD)
+    words = candidates.shape[3]
 
-    def score(queries: Array) -> Array:
-        return _square_sum(queries[:, :, :, None, None] - candidates)
+    def score(operands: tuple[Array, Array], word: int) -> Array:
+        return _square_sum(operands[0][:, :, :, None] - operands[1][:, :, :, word, :])
 
-    least = min(k + 1, candidates.shape[3] * WORD)
-    found = narrow(score, xyz, least=least, most=slots, guess=guess, cap=reach, active=own_row > -2)
-    column = columns(selected(score(xyz), found.value), slots)
-    place = _places(leaf, jnp.maximum(column, 0)).reshape(-1, slots)
-    other = tree.row.reshape(-1).at[place].get(mode="promise_in_bounds")
-    real = (column.reshape(-1, slots) >= 0) & (other != own_row.reshape(-1, 1))
-    flat = tree.xyz.reshape(3, -1)
-    points = jnp.stack([axis.at[place].get(mode="promise_in_bounds") for axis in flat])
-    sq_dist = jnp.where(real, _square_sum(xyz.reshape(3, -1, 1) - points), jnp.inf)
-    ranked = rank(jnp.where(real, other, -1), sq_dist)
-    last = jnp.min(jnp.where(ranked.rank == k - 1, sq_dist, jnp.inf), axis=1)
+    least = min(k + 1, words * WORD)
+    operands = (xyz, candidates)
+    found = narrow(score, operands, words=words, least=least, most=slots, guess=guess, active=own_row > -2)
+    sure = near.bound.min() >= 0.0
+    sq_dist = _square_sum(xyz[:, :, :, None, None] - candidates)
+    words = selected(sq_dist, found.value)
+    column = apart(lambda words: columns(words, slots).reshape(-1, slots), sure, words)
+
+    def pick(column: Array, sq_dist: Array) -> tuple[Array, Array]:
+        at = jnp.maximum(column, 0)
+        other = _rows(tree, leaf, at.reshape(blocks, q, slots)).reshape(-1, slots)
+        real = (column >= 0) & (other != own_row.reshape(-1, 1))
+        owner = jnp.arange(blocks * q)[:, None]
+        picked = sq_dist.reshape(blocks * q, -1).at[owner, at].get(mode="promise_in_bounds")
+        return jnp.where(real, other, -1), jnp.where(real, picked, jnp.inf)
+
+    ranked = apart(rank, sure, *apart(pick, sure, column, sq_dist))
+    last = jnp.min(jnp.where(ranked.rank == k - 1, ranked.sq_dist, jnp.inf), axis=1)
     value, complete = found.value.reshape(-1), found.complete.reshape(-1)
-    bound = jnp.repeat(near.bound, own_row.shape[1])
+    bound = jnp.repeat(near.bound, q)
     inside = complete & ((last <= value * SURE) | (value >= LARGEST))
     proven = inside & ((last < bound * SURE) | (bound >= LARGEST))
     return ranked, Verdict(proven | (own_row.reshape(-1) == -2), jnp.minimum(last, LARGEST))
@@ -104,20 +111,20 @@ def rank(row: Int[Array, "q s"], sq_dist: Float[Array, "q s"]) -> Ranked:
 
 def in_order(ranked: Ranked, k: int) -> tuple[Int[Array, "q k"], Float[Array, "q k"]]:
     """The k first candidates in order: rows, -1 where there are fewer, and squared distances, inf there."""
-    place = ranked.rank[:, None, :] == jnp.arange(k)[None, :, None]
-    place = place & (ranked.row >= 0)[:, None, :]
-    row = jnp.sum(jnp.where(place, ranked.row[:, None, :] + 1, 0), axis=2) - 1
-    # Summed as whole numbers, which may be added in any order: XLA vectorises that, and only one term is not zero.
-    bits = lax.bitcast_convert_type(ranked.sq_dist, jnp.int32)
-    sq_dist = lax.bitcast_convert_type(jnp.sum(jnp.where(place, bits[:, None, :], 0), axis=2), jnp.float32)
-    return row, jnp.where(row >= 0, sq_dist, jnp.inf)
+    there = ranked.row >= 0
+    hit = (ranked.rank[:, None, :] == jnp.arange(k)[None, :, None]) & there[:, None, :]
+    slot = jnp.sum(jnp.where(hit, jnp.arange(there.shape[1])[None, None, :], 0), axis=2)
+    found = jnp.arange(k)[None, :] < jnp.sum(there, axis=1)[:, None]
+    owner = jnp.arange(slot.shape[0])[:, None]
+    row, sq_dist = (array.at[owner, slot].get(mode="promise_in_bounds") for array in (ranked.row, ranked.sq_dist))
+    return jnp.where(found, row, -1), jnp.where(found, sq_dist, jnp.inf)
 
 
-def _places(leaf: Int[Array, "b m"], column: Int[Array, "b q s"]) -> Int[Array, "b q s"]:
-    """Places in leaf order of the candidates in given columns of their block."""
+def _rows(tree: Tree, leaf: Int[Array, "b m"], column: Int[Array, "b q s"]) -> Int[Array, "b q s"]:
+    """Rows in the cloud of the candidates in given columns of their block."""
     first = jnp.arange(leaf.shape[0])[:, None, None] * leaf.shape[1]
     owner = leaf.reshape(-1).at[first + column // LEAF].get(mode="promise_in_bounds")
-    return owner * LEAF + column % LEAF
+    return tree.row.reshape(-1).at[owner * LEAF + column % LEAF].get(mode="promise_in_bounds")
 
 
 def _square_sum(difference: Float[Array, "3 ..."]) -> Float[Array, "..."]:

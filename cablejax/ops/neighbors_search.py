@@ -1,10 +1,11 @@
-"""Exact search over a tree: blocks of 16 queries share their candidate leaves, and every row is proven or searched again.
+"""Exact search over a tree: blocks of 8 queries share their candidate leaves, and every row is proven or searched again.
 
 1. Down the tree, each node keeps the nearest nodes of its level: a leaf of queries ends with a few candidate leaves and a
    bound on the distance of every leaf left out.
 2. Each query takes a threshold that admits a little more than k candidates, measures those again, and ranks them.
-3. A row is proven if its k-th distance is below its threshold and below the bound. Rows that are not go down the tree
-   on their own, no further than what they found; the few still unproven are compared with every point.
+3. A row is proven if its k-th distance is below its threshold and below the bound. Blocks with rows that are not look at
+   more leaves, no further than what they found; then such rows go down the tree on their own; the few still unproven are
+   compared with every point.
 """
 
 from collections.abc import Callable
@@ -17,13 +18,15 @@ from jaxtyping import Array, Bool, Float, Int
 from cablejax.ops.neighbors_brute import square_distances
 from cablejax.ops.neighbors_descent import Near, children, descend, everything
 from cablejax.ops.neighbors_rank import Ranked, Verdict, rank, rank_blocks, slots_for
-from cablejax.ops.neighbors_select import LARGEST
+from cablejax.ops.neighbors_select import LARGEST, WORD, apart
 from cablejax.ops.neighbors_tree import LEAF, Boxes, Tree
 
-CHUNK = 4096  # leaves searched at once, which bounds memory
-RETRY = 256  # unproven rows searched at once
-RETRY_NODES, RETRY_LEAVES = 32, 48  # nodes and leaves that such a row looks at
-ALONE = 64  # rows compared with every point at once
+CHUNK = 1024  # leaves searched at once, which bounds memory and keeps their candidates in the cache
+WIDE_BLOCKS, WIDE_LEAVES = 128, 64  # unproven blocks searched at once, and the leaves that each looks at
+RETRY = 512  # unproven rows searched at once
+RETRY_ROOTS = 1024  # the widest level that such a row compares with whole
+RETRY_NODES, RETRY_LEAVES = 32, 64  # nodes and leaves that such a row looks at
+ALONE = 16  # rows compared with every point at once
 
 Finish = Callable[[Ranked], tuple[Array, ...]]
 
@@ -42,31 +45,31 @@ def search(
         finish: Makes arrays with leading axis q from the ranked candidates of q queries.
 
     Returns:
-        What `finish` makes, one row per place of `targets` `[leaves * 16, ...]`.
+        What `finish` makes, one row per place of `targets` `[leaves * 8, ...]`.
     """
-    outputs, verdict = _by_blocks(tree, targets, k, include_self, finish)
+    near = descend(tree, targets.levels[:-1])
+    outputs, verdict = _by_blocks(tree, targets, near, k, include_self, finish)
+    outputs, verdict = _by_wide_blocks(tree, targets, near, k, include_self, finish, outputs, verdict)
     outputs, verdict = _by_rows(tree, targets, k, include_self, finish, outputs, verdict)
     return _by_all(xyz, tree, targets, k, include_self, finish, outputs, verdict)
 
 
 def share_for(k: int) -> int:
-    """Leaves per block: what the neighbourhoods of its queries overlap on a surface, several times over, and even.
+    """Leaves per block, a multiple of four: those that the neighbourhoods of its queries meet on a surface, and a third more.
 
-    A scan is no even sheet: its lines are denser along than across, and its noise has depth. With half as many again, 40,355
-    of the 53,135 points of such a scan were left to the search row by row and took seven times as long as with this.
+    A scan is no even sheet: its lines are denser along than across, and its noise has depth.
     """
     across = 2.0 * LEAF**0.5 + 2.0 * ((k + 1) / 3.1416) ** 0.5
-    return 2 * int(2.2 * across**2 / LEAF + 4)
+    return 4 * round(1.35 * across**2 / LEAF / 4)
 
 
-def _own(targets: Tree, include_self: bool) -> Int[Array, "leaves 16"]:
+def _own(targets: Tree, include_self: bool) -> Int[Array, "leaves 8"]:
     """The row that each query must not find: none is -1, and -2 marks holes."""
     return jnp.where(targets.row < 0, -2, -1 if include_self else targets.row)
 
 
-def _by_blocks(tree: Tree, targets: Tree, k: int, include_self: bool, finish: Finish) -> tuple:
+def _by_blocks(tree: Tree, targets: Tree, near: Near, k: int, include_self: bool, finish: Finish) -> tuple:
     """Search leaf by leaf of the targets."""
-    near = descend(tree, targets.levels[:-1])
     own = _own(targets, include_self)
     split = own.shape[0] // near.node.shape[0]
     share = share_for(k)
@@ -79,29 +82,64 @@ def _by_blocks(tree: Tree, targets: Tree, k: int, include_self: bool, finish: Fi
 
         boxes = Boxes(*(cut(side, 1, split) for side in targets.levels[-1]))
         rows = cut(own, 0, split)
-        reach = jnp.full(rows.shape, LARGEST)
+        reach = jnp.full(rows.shape[0], LARGEST)
         above = Near(cut(near.node, 0, 1), cut(near.bound, 0, 1))
-        leaves = _even(children(tree, len(tree.levels) - 1, above, boxes, reach[:, 0], most=share, many=True))
+        leaves = _in_words(children(tree, len(tree.levels) - 1, above, boxes, reach, most=share))
         guess = jnp.broadcast_to(_expected(boxes, k)[:, None], rows.shape)
-        ranked, verdict = rank_blocks(tree, cut(targets.xyz, 1, split), rows, leaves, guess, reach, k=k)
+        ranked, verdict = rank_blocks(tree, cut(targets.xyz, 1, split), rows, leaves, guess, k=k)
         return finish(ranked), verdict
 
-    return _in_chunks(below, near.node.shape[0], split)
+    return in_chunks(below, near.node.shape[0], split)
 
 
-def _even(near: Near) -> Near:
-    """An even number of leaves, which fill whole words of candidates."""
-    return Near(jnp.pad(near.node, ((0, 0), (0, near.node.shape[1] % 2)), constant_values=-1), near.bound)
+def _in_words(near: Near) -> Near:
+    """A number of leaves that fills whole words of candidates."""
+    spare = -near.node.shape[1] % (WORD // LEAF)
+    return Near(jnp.pad(near.node, ((0, 0), (0, spare)), constant_values=-1), near.bound)
 
 
 def _expected(boxes: Boxes, k: int) -> Float[Array, " b"]:
-    """Squared radius of the disc that holds k points if the leaf's 16 fill the two long sides of its box."""
+    """Squared radius of the disc that holds k points if the leaf's points fill the two long sides of its box."""
     sides = jnp.sort(boxes.sides(), axis=0)
     area = jnp.maximum(sides[2] * sides[1], 0.05 * jnp.square(sides[2]))
-    return jnp.maximum(1e-30, area * (1.2 * (k + 1) / (3.1416 * LEAF)))
+    return jnp.maximum(1e-30, area * (1.8 * (k + 1) / (3.1416 * LEAF)))
 
 
-def _in_chunks(below: Callable, parents: int, split: int) -> tuple:
+def _by_wide_blocks(
+    tree: Tree, targets: Tree, near: Near, k: int, include_self: bool, finish: Finish, outputs, verdict: Verdict
+) -> tuple:
+    """Search again the leaves of targets with unproven rows, among more leaves, no further than what they found."""
+    own, split = _own(targets, include_self), targets.row.shape[0] // near.node.shape[0]
+    blocks = own.shape[0]
+    places, chunks = unproven(verdict.proven.reshape(blocks, LEAF).all(axis=1), WIDE_BLOCKS)
+
+    def once(state: tuple) -> tuple:
+        i, outputs, verdict = state
+        place = lax.dynamic_slice_in_dim(places, i * WIDE_BLOCKS, WIDE_BLOCKS)
+        at = jnp.minimum(place, blocks - 1)
+        boxes = Boxes(targets.levels[-1].lower[:, at], targets.levels[-1].upper[:, at])
+        rows = jnp.where((place < blocks)[:, None], own[at], -2)
+        known = jnp.where(rows > -2, verdict.reach.reshape(blocks, LEAF)[at], 0.0)
+        above = Near(near.node[at // split], near.bound[at // split])
+        leaves = children(tree, len(tree.levels) - 1, above, boxes, _slightly_more(known.max(axis=1)), most=WIDE_LEAVES)
+        guess = jnp.where(known < LARGEST, jnp.maximum(known, 1e-30), _expected(boxes, k)[:, None])
+        ranked, sure = rank_blocks(tree, targets.xyz[:, at], rows, _in_words(leaves), guess, k=k)
+        # Rows proven before keep their answer.
+        put = (at[:, None] * LEAF + jnp.arange(LEAF)[None, :]).reshape(-1)
+        put = jnp.where(verdict.proven[put] | (rows.reshape(-1) == -2), blocks * LEAF, put)
+        outputs, verdict = _put((outputs, verdict), put, (finish(ranked), sure))
+        return i + 1, outputs, verdict
+
+    _, outputs, verdict = lax.while_loop(lambda s: s[0] < chunks, once, (jnp.int32(0), outputs, verdict))
+    return outputs, verdict
+
+
+def _slightly_more(reach: Array) -> Array:
+    """A reach that rounding cannot make too short."""
+    return jnp.where(reach < LARGEST, reach * 1.00001, LARGEST)
+
+
+def in_chunks(below: Callable, parents: int, split: int) -> tuple:
     """Run `below` over all parents, a chunk of leaves at a time where there are many."""
     step = max(1, CHUNK // split)
     if parents <= step + step // 2:
@@ -118,7 +156,7 @@ def _in_chunks(below: Callable, parents: int, split: int) -> tuple:
     return lax.fori_loop(0, -(-parents // step), write, buffers)
 
 
-def _unproven(proven: Bool[Array, " n"], size: int) -> tuple[Array, Array]:
+def unproven(proven: Bool[Array, " n"], size: int) -> tuple[Array, Array]:
     """Places of unproven rows, padded to whole chunks with a place out of range; and how many chunks they fill."""
     n = proven.shape[0]
     place = jnp.nonzero(~proven, size=-(-n // size) * size, fill_value=n)[0].astype(jnp.int32)
@@ -132,23 +170,27 @@ def _put(old: tuple, place: Array, new: tuple) -> tuple:
 
 def _by_rows(tree: Tree, targets: Tree, k: int, include_self: bool, finish: Finish, outputs, verdict: Verdict) -> tuple:
     """Search unproven rows one by one down the tree, no further than what they found already."""
-    places, chunks = _unproven(verdict.proven, RETRY)
+    places, chunks = unproven(verdict.proven, RETRY)
     xyz, own = targets.xyz.reshape(3, -1), _own(targets, include_self).reshape(-1)
     last = len(tree.levels) - 1
+    first = max([0, *(i for i in range(last) if tree.levels[i].lower.shape[1] <= RETRY_ROOTS)])
+
+    def down(query: Array, found: Array) -> Near:
+        reach, boxes, near = _slightly_more(found), Boxes(query, query), everything(1)
+        for level in range(first, last + 1):
+            most = RETRY_LEAVES if level == last else RETRY_NODES
+            near = children(tree, level, near, boxes, reach, most=most, from_root=level == first)
+        return _in_words(near)
 
     def once(state: tuple) -> tuple:
         i, outputs, verdict = state
         place = lax.dynamic_slice_in_dim(places, i * RETRY, RETRY)
         at = jnp.minimum(place, own.shape[0] - 1)
         query, found = xyz[:, at], verdict.reach[at]
-        reach = jnp.where(found < LARGEST, found * 1.00001, LARGEST)
-        near, boxes = everything(1), Boxes(query, query)
-        if last:
-            near = children(tree, last - 1, near, boxes, reach, most=RETRY_NODES, from_root=True)
-        near = _even(children(tree, last, near, boxes, reach, most=RETRY_LEAVES))
-        guess = jnp.where(found < LARGEST, found, 1.0)[:, None]
+        near = apart(down, i < chunks, query, found)
+        guess = jnp.where(found < LARGEST, jnp.maximum(found, 1e-30), 1.0)[:, None]
         rows = jnp.where(place < own.shape[0], own[at], -2)[:, None]
-        ranked, sure = rank_blocks(tree, query[:, :, None], rows, near, guess, reach[:, None], k=k)
+        ranked, sure = rank_blocks(tree, query[:, :, None], rows, near, guess, k=k)
         outputs, verdict = _put((outputs, verdict), place, (finish(ranked), sure))
         return i + 1, outputs, verdict
 
@@ -158,7 +200,7 @@ def _by_rows(tree: Tree, targets: Tree, k: int, include_self: bool, finish: Fini
 
 def _by_all(xyz, tree: Tree, targets: Tree, k: int, include_self: bool, finish: Finish, outputs, verdict: Verdict):
     """Compare the rows that are still unproven with every point; top-k breaks ties by row."""
-    places, chunks = _unproven(verdict.proven, ALONE)
+    places, chunks = unproven(verdict.proven, ALONE)
     n = xyz.shape[0]
     valid = jnp.zeros(n, dtype=bool).at[jnp.where(tree.row < 0, n, tree.row).reshape(-1)].set(True, mode="drop")
     queries, own = targets.xyz.reshape(3, -1), _own(targets, include_self).reshape(-1)

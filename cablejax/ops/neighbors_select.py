@@ -1,20 +1,25 @@
-"""Select the smallest of many scores per row without sorting: narrow a threshold by counting, then read the winners' bits.
+"""Select the smallest of many scores per row without sorting: find a threshold by histograms, then read the winners' bits.
 
-Sorting and top-k are slow on a CPU and resist vectors; counting scores at or below a threshold is one fused pass. As the
-scores of points on a surface grow nearly linearly in rank, three or four passes of three thresholds settle most rows.
-Scores come as `[..., w, 32]`, 32 to a word.
+Sorting and top-k are slow on a CPU and resist vectors; a histogram is one fused pass. Floats above zero lie in the order of
+their bits, so the bins are bits: eight bins of half an octave around a guess settle most rows at once, and what they leave
+open is cut in eight again. Scores come as `[..., w, 32]`, 32 to a word.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int, UInt
 
 WORD = 32
 LARGEST = float(jnp.finfo(jnp.float32).max)
-FULL = 1 << 30  # more than any count
+BINS = 8
+HALF_OCTAVE = 22  # a float's bits above this place step by half an octave
+INFINITE = 0x7F800000  # bits of infinity: no score of a candidate lies as high
+FULL = 15  # words that a bin of four bits can count
+ROUNDS = 10  # eight bins cut the 31 bits of a float above zero down to one in ten rounds
 
 
 class Threshold(NamedTuple):
@@ -29,57 +34,80 @@ class Threshold(NamedTuple):
     complete: Bool[Array, "..."]
 
 
+class _Search(NamedTuple):
+    """Brackets `[...]` in float-bit order: fewer than `least` scores lie below `low`, more than `most` below `high`."""
+
+    step: Int[Array, ""]
+    settled: Bool[Array, "..."]
+    edge: Int[Array, "..."]
+    low: Int[Array, "..."]
+    high: Int[Array, "..."]
+    start: Int[Array, "..."]
+    shift: Int[Array, "..."]
+    counts: UInt[Array, "... g 32"]
+
+
 def narrow(
-    score: Callable[[Array], Array],
-    operands: Array,
+    score: Callable[[Any, int], Array],
+    operands: Any,
     *,
+    words: int,
     least: int,
     most: int,
     guess: Float[Array, "..."],
-    cap: Float[Array, "..."],
     active: Bool[Array, "..."],
-    rounds: int = 10,
 ) -> Threshold:
-    """Find thresholds that select between `least` and `most` scores of each row.
+    """Find thresholds that select between `least` and `most` scores of each row, or all if there are no more than `most`.
 
     Args:
-        score: Scores `[..., w, 32]` as a function of `operands`, cheap enough to be measured anew in every round.
+        score: The scores `[..., 32]` of one word as a function of `operands` and the word's number; inf for none.
         operands: What `score` is made from.
+        words: Number of words. Static.
         least: Smallest count wanted. Static.
         most: Largest count accepted. Static.
         guess: Where to look first, above zero `[...]`.
-        cap: No threshold above this is needed `[...]`; it is taken if at most `most` scores lie below it.
         active: Rows that matter `[...]`; others never keep the loop going.
-        rounds: Passes at most. Static.
 
     Returns:
-        Thresholds; where none was found in time, one that selects too few, or more than `most` if there is no other.
+        Thresholds; where ties leave none, one that selects too few. A few rows in a hundred may go without one that a
+        longer search would find.
     """
-    aim = 0.5 * (least + most)
+    rows = max(1, guess.size)
 
-    def unsettled(state: tuple) -> Array:
-        return (state[0] < rounds) & ~state[1].all()
+    def measure(start: Array, shift: Array) -> Array:
+        return _histogram(lambda word: score(operands, word), words, start, shift)
 
-    def once(state: tuple) -> tuple:
-        step, settled, value, low, low_count, high, high_count = state
-        trials = _trials(step, guess, cap, low, low_count, high, high_count, aim)
-        # The barrier ties the scores to this round: XLA would otherwise hoist them out of the loop, into memory.
-        now, trials = lax.optimization_barrier((operands, trials))
-        counts = _count(score(now), trials)
-        fits = (counts <= most) & ((counts >= least) | (trials >= cap[None]))
-        value = jnp.where(settled, value, jnp.max(jnp.where(fits, trials, 0.0), axis=0))
-        low = jnp.maximum(low, jnp.max(jnp.where(counts < least, trials, 0.0), axis=0))
-        low_count = jnp.maximum(low_count, jnp.max(jnp.where(counts < least, counts, 0), axis=0))
-        high = jnp.minimum(high, jnp.min(jnp.where(counts > most, trials, LARGEST), axis=0))
-        high_count = jnp.minimum(high_count, jnp.min(jnp.where(counts > most, counts, FULL), axis=0))
-        return step + 1, settled | fits.any(axis=0), value, low, low_count, high, high_count
+    def unsettled(search: _Search) -> Array:
+        return (search.step < ROUNDS) & (jnp.sum(~search.settled) > rows // 64)
 
-    zero = jnp.zeros_like(guess)
+    def once(search: _Search) -> _Search:
+        now = _settle(search, least, most)
+        # Counts are carried from round to round: as a value of the loop they are one pass, read by several consumers.
+        counts = lax.cond(unsettled(now), measure, lambda start, shift: search.counts, now.start, now.shift)
+        return now._replace(counts=counts)
+
+    middle = lax.bitcast_convert_type(jnp.minimum(guess, 1e37), jnp.int32)
+    start = jnp.maximum(middle - ((BINS // 2) << HALF_OCTAVE), 0)
     none = jnp.zeros(guess.shape, dtype=jnp.int32)
-    start = (jnp.int32(0), ~active, zero, zero, none, zero + LARGEST, none + FULL)
-    _, settled, value, low, low_count, high, _ = lax.while_loop(unsettled, once, start)
-    some = low_count > 0
-    return Threshold(jnp.where(settled, value, jnp.where(some, low, high)), settled | some)
+    # The first round finds no counts and measures: so what the scores are made from reaches the loop as finished arrays.
+    counts = jnp.zeros((*guess.shape, -(-words // FULL), WORD), dtype=jnp.uint32)
+    first = _Search(jnp.int32(-1), ~active, none, none, none + INFINITE, start, none + HALF_OCTAVE, counts)
+    last = lax.while_loop(unsettled, once, first)
+    edge = jnp.where(last.settled, last.edge, last.low)
+    return Threshold(lax.bitcast_convert_type(jnp.maximum(edge - 1, 0), jnp.float32), edge > 0)
+
+
+def apart(function: Callable[..., Any], sure: Bool[Array, ""], *operands: Any) -> Any:
+    """What `function` makes of finished arrays, as finished arrays.
+
+    XLA would fuse a gather or a bit search into each of its consumers and do it again for every pair of candidates. It does
+    not look into the branches of a condition, so `sure` is one that always holds but that XLA cannot know to hold.
+    """
+
+    def never(*operands: Any) -> Any:
+        return jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), jax.eval_shape(function, *operands))
+
+    return lax.cond(sure, function, never, *operands)
 
 
 def selected(score: Float[Array, "... w 32"], threshold: Float[Array, "..."]) -> UInt[Array, "... w"]:
@@ -110,28 +138,45 @@ def columns(words: UInt[Array, "... w"], m: int) -> Int[Array, "... m"]:
     return jnp.where(nth < end[..., -1:], column, -1)
 
 
-def _trials(step, guess, cap, low, low_count, high, high_count, aim) -> Float[Array, "3 ..."]:
-    """Three thresholds to count at: around the guess, then outwards, then within the bracket."""
-    start = jnp.stack([guess * 0.7, guess * 1.05, guess * 1.55])
-    outward = jnp.stack([low * 1.5, low * 4.0, cap])
-    middle = low + (high - low) * ((aim - low_count) / jnp.maximum(high_count - low_count, 1))
-    # Between scales, where interpolation would creep: the mean of the floats' bits is nearly the geometric mean.
-    bits = [lax.bitcast_convert_type(jnp.maximum(edge, high * 2.0**-24), jnp.int32) for edge in (low, high)]
-    geometric = lax.bitcast_convert_type((bits[0] >> 1) + (bits[1] >> 1), jnp.float32)
-    other = jnp.where(step % 2 == 1, middle + (high - middle) * 0.3, geometric)
-    inward = jnp.stack([middle, low + (middle - low) * 0.7, other])
-    later = jnp.where((high >= LARGEST)[None], outward, inward)
-    return jnp.minimum(jnp.where(step == 0, start, later), cap[None])
+def _histogram(score: Callable[[int], Array], words: int, start: Int[Array, "..."], shift: Int[Array, "..."]) -> Array:
+    """Counts by column over up to 15 words each `[..., g, 32]`, in eight bins of four bits; the first bin holds all below."""
+    sums = []
+    for first in range(0, words, FULL):
+        total = jnp.uint32(0)
+        for word in range(first, min(first + FULL, words)):
+            bits = lax.bitcast_convert_type(score(word), jnp.int32)
+            place = jnp.clip((bits - start[..., None]) >> shift[..., None], 0, BINS - 1)
+            one = (bits < INFINITE).astype(jnp.uint32)
+            total = total + (one << (4 * place).astype(jnp.uint32))
+        sums.append(total)
+    return jnp.stack(sums, axis=-2)
 
 
-def _count(score: Array, trials: Float[Array, "3 ..."]) -> Int[Array, "3 ..."]:
-    """How many scores of each row lie at or below each of three thresholds: one pass, three counters of ten bits."""
-    hits = [(score <= trials[i][..., None, None]).astype(jnp.int32) << (10 * i) for i in range(3)]
-    per_word = jnp.sum(hits[0] + hits[1] + hits[2], axis=-1)
-    if score.shape[-2] * WORD < 1 << 10:
-        per_word = jnp.sum(per_word, axis=-1)
-        return jnp.stack([(per_word >> (10 * i)) & 1023 for i in range(3)])
-    return jnp.stack([jnp.sum((per_word >> (10 * i)) & 1023, axis=-1) for i in range(3)])
+def _settle(search: _Search, least: int, most: int) -> _Search:
+    """Read the histogram: settle rows with a good edge, tighten the brackets of the others, and place their next bins."""
+    low_half = jnp.uint32(0x000F000F)
+    pairs = [jnp.sum((search.counts >> (4 * i)) & low_half, axis=(-2, -1), dtype=jnp.uint32) for i in range(4)]
+    bins = [pair & 0xFFFF for pair in pairs] + [pair >> 16 for pair in pairs]
+    settled, edge, low, high = search.settled, search.edge, search.low, search.high
+    below = jnp.zeros(settled.shape, dtype=jnp.int32)
+    for i in range(BINS):
+        below = below + bins[i].astype(jnp.int32)
+        end = search.start.astype(jnp.uint32) + (jnp.uint32(i + 1) << search.shift.astype(jnp.uint32))
+        end = jnp.minimum(end, INFINITE).astype(jnp.int32) if i < BINS - 1 else jnp.full(below.shape, INFINITE)
+        fits = (below <= most) & ((below >= least) if i < BINS - 1 else True)
+        edge = jnp.where(fits & ~settled, end, edge)
+        settled = settled | fits
+        low = jnp.where(below < least, jnp.maximum(low, end), low)
+        high = jnp.where(below > most, jnp.minimum(high, end), high)
+    width = jnp.maximum(high - low - 1, 1)
+    shift = jnp.maximum(32 - lax.clz(width) - 3, 0)
+    stuck = high - low <= 1
+    now = _Search(
+        search.step + 1, settled | stuck, jnp.where(stuck & ~settled, low, edge), low, high, low, shift, search.counts
+    )
+    return jax.tree.map(lambda new, old: jnp.where(search.step < 0, old, new), now, search)._replace(
+        step=search.step + 1
+    )
 
 
 def _ramp(ndim: int, size: int, dtype=jnp.int32) -> Array:

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from cablejax.ops.neighbors import KnnResult, knn, radius_count
+from cablejax.ops.neighbors import KnnResult, distance_sums, knn, radius_count
 from cablejax.types import PointCloud, Status
 
 
@@ -55,10 +55,11 @@ def statistical_outliers(
     """
     if k < 2:
         raise ValueError(f"k: expected at least 2 (the point itself counts), got {k}")
-    found = knn(cloud.xyz, k=k - 1, mask=cloud.mask) if found is None else _first(found, cloud, k - 1)
-    near = jnp.isfinite(found.sq_dist)
-    distance = jnp.sqrt(jnp.where(near, found.sq_dist, 0.0))
-    score = distance.sum(axis=1) / (near.sum(axis=1) + 1)
+    if found is None:
+        total, near, status = distance_sums(cloud.xyz, k=k - 1, mask=cloud.mask)
+    else:
+        total, near, status = _sums_of(found, cloud, k - 1)
+    score = total / (near + 1)
     valid = _finite(cloud)
     count = valid.sum()
     mean = jnp.where(valid, score, 0.0).sum() / jnp.maximum(count, 1)
@@ -66,7 +67,7 @@ def statistical_outliers(
     threshold = mean + std_ratio * jnp.sqrt(spread)
     # Open3D drops a point whose mean distance is zero: it has duplicates alone for neighbours.
     keep = valid & (score > 0) & (score < threshold)
-    return OutlierResult(keep, score, threshold, _status(cloud, found.status))
+    return OutlierResult(keep, score, threshold, _status(cloud, status))
 
 
 @jax.jit
@@ -119,14 +120,16 @@ def median_outliers(cloud: PointCloud, *, k: int = 20, ratio: float | Float[Arra
     return OutlierResult(valid & (score <= threshold), score, threshold, _status(cloud, found.status))
 
 
-def _first(found: KnnResult, cloud: PointCloud, k: int) -> KnnResult:
-    """The first k neighbours of a search made elsewhere, with the status they have on their own."""
+def _sums_of(found: KnnResult, cloud: PointCloud, k: int) -> tuple[Array, Array, Array]:
+    """Sums, numbers and status of the first k neighbours of a search made elsewhere, as `distance_sums` gives them."""
     n, m = found.sq_dist.shape
     if n != cloud.xyz.shape[0] or m < k:
         raise ValueError(f"found: expected neighbours [{cloud.xyz.shape[0]}, at least {k}], got {[n, m]}")
-    few = _finite(cloud) & ~jnp.isfinite(found.sq_dist[:, k - 1])
+    near = jnp.isfinite(found.sq_dist[:, :k])
+    total = jnp.sqrt(jnp.where(near, found.sq_dist[:, :k], 0.0)).sum(axis=1)
+    few = _finite(cloud) & ~near[:, -1]
     status = (found.status & ~int(Status.TOO_FEW_NEIGHBORS)) | few * int(Status.TOO_FEW_NEIGHBORS)
-    return KnnResult(found.neighbors[:, :k], found.sq_dist[:, :k], status.astype(jnp.int32))
+    return total, near.sum(axis=1), status.astype(jnp.int32)
 
 
 def _finite(cloud: PointCloud) -> Array:

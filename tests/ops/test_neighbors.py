@@ -226,6 +226,21 @@ def test_radius_search_equals_the_reference(name):
 
 
 @pytest.mark.parametrize(
+    ("name", "radius"), [("surface", 1.0), ("surface", 40.0), ("uneven", 0.5), ("duplicates", 1.0)]
+)
+def test_radius_count_by_the_tree_equals_scipy(name, radius):
+    xyz = CLOUDS[name](LARGE)  # 40 reaches more points than a block's leaves hold
+    count = cKDTree(xyz.astype(np.float64)).query_ball_point(xyz.astype(np.float64), radius, return_length=True)
+    found = np.asarray(radius_count(jnp.asarray(xyz), radius=radius, include_self=True))
+    # A pair whose distance is the radius to float32 rounding may fall on either side.
+    assert (np.abs(found - count) <= 1).all()
+    assert (found != count).mean() < 0.01
+    some = jnp.asarray(xyz[:200])
+    np.testing.assert_array_equal(radius_count(jnp.asarray(xyz), radius=radius, queries=some), found[:200])
+    np.testing.assert_array_equal(radius_count(jnp.asarray(xyz), radius=radius), found - 1)
+
+
+@pytest.mark.parametrize(
     ("kwargs", "message"),
     [
         ({"k": 0}, "k: expected at least 1, got 0"),
