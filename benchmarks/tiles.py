@@ -26,7 +26,7 @@ def write_scan(path: Path, n: int) -> None:
     with PointWriter(path) as writer:
         for start in range(0, n, 1_000_000):
             piece = half_cylinder(min(1_000_000, n - start), stray_share=0.02, seed=start)
-            writer.write(piece.astype(np.float64) + [0.0, 0.0, 300.0 * start / 53_135])
+            writer.write(piece.astype(np.float64) + np.array([0.0, 0.0, 300.0 * start / 53_135]))
 
 
 def measure(source: str, target: str, tile: int, k: int) -> dict[str, float]:

@@ -172,7 +172,7 @@ class _Run:
         self._score_strays(score)
         self._threshold(score)
 
-    def _score_strays(self, score: np.ndarray) -> None:
+    def _score_strays(self, score: np.memmap) -> None:
         """Search the neighbours of points whose own tile does not hold them all in every tile."""
         found = [np.array(self.folder.done(f"scoring {i}"), dtype=int) for i in range(len(self.tiles))]
         rows = np.concatenate(found)
@@ -193,7 +193,7 @@ class _Run:
         # The nearest is the point itself, at distance zero, which the score counts.
         score[rows] = np.sqrt(best[: len(rows)]).sum(axis=1) / k
 
-    def _threshold(self, score: np.ndarray) -> None:
+    def _threshold(self, score: np.memmap) -> None:
         valid = np.isfinite(self.points).all(axis=1)
         used = np.asarray(score, dtype=np.float64)[valid]
         threshold = used.mean() + self.settings.std_ratio * used.std(ddof=1)
@@ -236,9 +236,9 @@ class _Run:
                 part = rows[start : start + PILOTS]
                 some[: len(part)] = part
                 trial = width_trial(cloud, keep, jnp.asarray(some), k=self.settings.k, order=self.settings.order)
-                parts.append(Trial(*(np.asarray(field) for field in trial)))
-        whole = Trial(*(np.concatenate(fields, axis=-1) for fields in zip(*parts, strict=True)))
-        return self.folder.finish("alpha", float(choose_alpha(Trial(*(jnp.asarray(field) for field in whole)))))
+                parts.append(trial)
+        whole = Trial(*(jnp.concatenate(fields, axis=-1) for fields in zip(*parts, strict=True)))
+        return self.folder.finish("alpha", float(choose_alpha(whole)))
 
     def write(self, source: Path, target: Path, unit: str, chunk: int) -> TiledResult:
         """Read the source again and write what is left of it."""

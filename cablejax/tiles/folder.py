@@ -60,7 +60,7 @@ class Folder:
         fresh.replace(self.path / STATE)
         return value
 
-    def column(self, name: str, dtype: Any, shape: tuple[int, ...]) -> np.ndarray:
+    def column(self, name: str, dtype: Any, shape: tuple[int, ...]) -> np.memmap:
         """A file of one row a point, made full of zeros where it is missing."""
         path = self.path / name
         size = int(np.prod(shape)) * np.dtype(dtype).itemsize

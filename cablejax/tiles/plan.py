@@ -23,11 +23,11 @@ class Tile(NamedTuple):
 
     def inner(self, xyz: Float[np.ndarray, "n 3"]) -> np.ndarray:
         """Which points are the tile's own `[n]`."""
-        return ((xyz >= self.lower) & (xyz < self.upper)).all(axis=1)
+        return np.logical_and.reduce((xyz >= self.lower) & (xyz < self.upper), axis=1)
 
     def outer(self, xyz: Float[np.ndarray, "n 3"]) -> np.ndarray:
         """Which points lie in it or its halo `[n]`."""
-        return ((xyz >= self.lower - self.halo) & (xyz < self.upper + self.halo)).all(axis=1)
+        return np.logical_and.reduce((xyz >= self.lower - self.halo) & (xyz < self.upper + self.halo), axis=1)
 
     def slack(self, xyz: Float[np.ndarray, "n 3"]) -> np.ndarray:
         """Distance of points to the nearest side of the outer box beyond which the cloud goes on `[n]`."""
@@ -40,12 +40,12 @@ class Grid(NamedTuple):
     Attributes:
         origin: `[3]`, mm.
         edge: mm.
-        count: `[a, b, c]`.
+        held: `[a, b, c]`.
     """
 
     origin: Float[np.ndarray, "3"]
     edge: float
-    count: Int[np.ndarray, "a b c"]
+    held: Int[np.ndarray, "a b c"]
 
 
 def empty_grid(lower: Float[np.ndarray, "3"], upper: Float[np.ndarray, "3"]) -> Grid:
@@ -58,9 +58,9 @@ def empty_grid(lower: Float[np.ndarray, "3"], upper: Float[np.ndarray, "3"]) -> 
 def add(grid: Grid, xyz: Float[np.ndarray, "n 3"]) -> None:
     """Count more points."""
     cell = np.floor((xyz - grid.origin) / grid.edge).astype(int)
-    cell = np.clip(cell, 0, np.array(grid.count.shape) - 1)
-    flat = np.ravel_multi_index(tuple(cell.T), grid.count.shape)
-    grid.count.reshape(-1)[:] += np.bincount(flat, minlength=grid.count.size)
+    cell = np.clip(cell, 0, np.array(grid.held.shape) - 1)
+    flat = np.ravel_multi_index(tuple(cell.T), grid.held.shape)
+    grid.held.reshape(-1)[:] += np.bincount(flat, minlength=grid.held.size)
 
 
 def cut(grid: Grid, *, halo: float, capacity: int) -> list[Tile]:
@@ -69,14 +69,14 @@ def cut(grid: Grid, *, halo: float, capacity: int) -> list[Tile]:
     Raises:
         ValueError: If a single cell with its halo holds more than `capacity` points.
     """
-    shape, reach = np.array(grid.count.shape), int(np.ceil(halo / grid.edge))
+    shape, reach = np.array(grid.held.shape), int(np.ceil(halo / grid.edge))
     todo, done = [(np.zeros(3, dtype=int), shape.copy())], []
     while todo:
         low, high = todo.pop()
-        if grid.count[_slices(low, high)].sum() == 0:
+        if grid.held[_slices(low, high)].sum() == 0:
             continue
         # One cell more: a point on a cell's border may be rounded into either.
-        held = int(grid.count[_slices(np.maximum(low - reach - 1, 0), high + reach + 1)].sum())
+        held = int(grid.held[_slices(np.maximum(low - reach - 1, 0), high + reach + 1)].sum())
         if held <= capacity:
             done.append(_tile(grid, low, high, halo))
         elif (high - low).max() == 1:
@@ -96,7 +96,7 @@ def _slices(low: np.ndarray, high: np.ndarray) -> tuple[slice, ...]:
 def _halves(grid: Grid, low: np.ndarray, high: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     axis = int(np.argmax(high - low))
     others = tuple(a for a in range(3) if a != axis)
-    along = np.cumsum(grid.count[_slices(low, high)].sum(axis=others))
+    along = np.cumsum(grid.held[_slices(low, high)].sum(axis=others))
     place = int(np.clip(np.searchsorted(along, along[-1] / 2) + 1, 1, len(along) - 1))
     middle_high, middle_low = high.copy(), low.copy()
     middle_high[axis] = middle_low[axis] = low[axis] + place
@@ -105,5 +105,5 @@ def _halves(grid: Grid, low: np.ndarray, high: np.ndarray) -> list[tuple[np.ndar
 
 def _tile(grid: Grid, low: np.ndarray, high: np.ndarray, halo: float) -> Tile:
     at = [np.where(low == 0, -np.inf, grid.origin + low * grid.edge)]
-    at.append(np.where(high == grid.count.shape, np.inf, grid.origin + high * grid.edge))
+    at.append(np.where(high == grid.held.shape, np.inf, grid.origin + high * grid.edge))
     return Tile(at[0], at[1], halo)

@@ -81,6 +81,25 @@ def test_denoise_removes_outliers_and_keeps_the_rest_near(capsys, tmp_path):
     assert 0 < result["moved_rms_mm"] < 0.5
 
 
+def test_denoise_in_tiles_writes_the_same(capsys, tmp_path):
+    source = tmp_path / "in.las"
+    write_points(source, bent_cable(n=3000))
+    written = []
+    for name, extra in (("whole.las", ()), ("tiled.las", ("--tile", "2048"))):
+        target = tmp_path / name
+        arguments = ("denoise", str(source), str(target), "--unit", "mm", "--neighbors", "12", "--order", "0", *extra)
+        code, out, _ = run(capsys, *arguments)
+        assert code == 0
+        written.append(read_points(target).xyz_mm)
+    assert "tiles" in out
+    np.testing.assert_allclose(written[1], written[0], atol=2e-3)  # LAS holds steps of 1 um, tiles of 1e-3 mm
+    code, _, err = run(
+        capsys, "denoise", str(source), str(tmp_path / "a.las"), "--unit", "mm", "--tile", "5", "--quiet"
+    )
+    assert code == 1
+    assert "tile_points: expected at least" in err
+
+
 def test_simulate_then_measure(capsys, tmp_path):
     path = tmp_path / "simulated.ply"
     code, out, _ = run(capsys, "simulate", str(path), "--points", "6000", "--arc", "360", "--preset", "ideal", "--json")

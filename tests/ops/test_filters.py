@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from cablejax.ops import KnnResult, adaptive_filter
+from cablejax.ops import KnnResult, adaptive_filter, knn
 from cablejax.ops.surface_fit import fit_surface, least_axis
 from cablejax.types import PointCloud, Status
 from tests.reference import filters as reference
@@ -114,7 +114,7 @@ def test_vmap_equals_loop_and_does_not_retrace():
     assert len(traces) == 1
 
 
-@pytest.mark.parametrize("order", [0, 1, 2])
+@pytest.mark.parametrize("order", [0, 2])
 def test_gradients_are_finite(order):
     points = cloud(n=120)
     points = PointCloud(points.xyz.at[3].set(points.xyz[4]), points.mask.at[0].set(False))
@@ -129,9 +129,9 @@ def test_gradients_are_finite(order):
 def test_degenerate_clouds_stay_finite_and_in_place(name, order):
     line = np.outer(np.arange(40.0), [1, 0, 0])
     xyz = {"one point": np.ones((1, 3)), "all equal": np.ones((40, 3)), "line": line}[name]
-    result = adaptive_filter(PointCloud.from_xyz(xyz), k=8, order=order)
+    result = adaptive_filter(PointCloud.from_xyz(xyz, capacity=40), k=8, order=order)
     interior = slice(8, -8) if name == "line" else slice(None)
-    np.testing.assert_allclose(np.asarray(result.xyz)[interior], xyz[interior], atol=1e-2)
+    np.testing.assert_allclose(np.asarray(result.xyz)[: len(xyz)][interior], xyz[interior], atol=1e-2)
 
 
 def test_quadric_is_recovered_exactly():
@@ -142,7 +142,7 @@ def test_quadric_is_recovered_exactly():
     def sample(rows, near):
         return near.astype(jnp.float32), points[:, rows]
 
-    fit = fit_surface(sample, jnp.arange(40)[:, None], order=2)
+    fit = jax.jit(lambda: fit_surface(sample, jnp.arange(40)[:, None], order=2))()
     assert float(fit.noise[0]) < 0.03
     # The normal is that of the best plane, not quite z: heights along it shrink by its cosine.
     np.testing.assert_allclose(jnp.abs(fit.height * fit.normal[2]), 0.02, atol=5e-3)
@@ -155,7 +155,7 @@ def test_least_axis_equals_eigh():
     value, axes = np.linalg.eigh(matrix)
     apart = value[:, 1] > 1.3 * value[:, 0]
     six = [matrix[:, i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (2, 0))]
-    axis, least = least_axis(jnp.asarray(np.stack(six), dtype=jnp.float32))
+    axis, least = jax.jit(least_axis)(jnp.asarray(np.stack(six), dtype=jnp.float32))
     cosine = np.abs(np.sum(np.asarray(axis).T * axes[:, :, 0], axis=1))
     assert (cosine[apart] > 1 - 1e-4).all()
     # v' C v in float32 next to eigenvalues up to 30 times as large.
@@ -176,3 +176,20 @@ def test_least_axis_equals_eigh():
 def test_bad_arguments_are_named(kwargs, message):
     with pytest.raises(ValueError, match=message):
         adaptive_filter(cloud(n=20), **kwargs)
+
+
+def test_neighbours_found_before_are_the_same():
+    points = cloud()
+    found = knn(points.xyz, k=16, mask=points.mask)
+    searched = adaptive_filter(points, order=0, **SETTINGS)
+    given = adaptive_filter(points, order=0, found=found, **SETTINGS)
+    np.testing.assert_array_equal(given.xyz, searched.xyz)
+
+
+def test_the_width_follows_the_noise_and_the_curvature():
+    widths = [
+        float(jnp.median(adaptive_filter(PointCloud.from_xyz(half_cylinder(4000, radius=r, noise=s)), order=2).width))
+        for r, s in ((15.0, 0.05), (15.0, 0.385), (60.0, 0.385))
+    ]
+    assert widths[1] > 1.1 * widths[0]
+    assert widths[2] > 1.1 * widths[1]
