@@ -120,7 +120,9 @@ def segmented(xyz: np.ndarray) -> tuple[float, float]:
     radius = float(np.sqrt(circle[2] + circle[:2] @ circle[:2]))
     ends = np.quantile(xyz @ along, [0.0, 1.0])
     center = (middle + circle[:2]) @ across
-    axis = sampled(center + np.linspace(*ends, 30)[:, None] * along, step=float(np.ptp(ends)) / 30)
+    axis = sampled(
+        center + np.linspace(float(ends[0]), float(ends[1]), 30)[:, None] * along, step=float(np.ptp(ends)) / 30
+    )
     fit = fit_cable(xyz, axis, radius, knot_diameters=1e6)
     return fit.radius_mm, arc_of(np.arctan2(fit.place.v, fit.place.u))
 

@@ -11,7 +11,7 @@ from cablejax.cli.main import NoResultError
 from cablejax.cli.scans import check_output, rows, say
 
 READABLE = (".ply", ".pcd", ".xyz", ".txt", ".csv", ".pts", ".ptx", ".obj", ".las", ".laz", ".e57", ".gz")
-COLUMNS = (
+COLUMNS: tuple[str, ...] = (
     "file", "diameter_mm", "low_mm", "high_mm", "std_mm", "minimum_mm", "maximum_mm", "ovality", "length_mm",
     "bend_radius_mm", "arc_deg", "noise_mm", "points", "verdict", "conformity", "error",
 )  # fmt: skip

@@ -51,6 +51,7 @@ def _restored(folder: Path, record: dict[str, Any]):
 def _pieces(xyz: "np.ndarray", along: "np.ndarray", dataset: dict[str, Any], seed: int):
     """Random samples of stretches of the cable, posed as the training clouds were: `[PIECES, n, 3]`."""
     import jax
+    import jax.numpy as jnp
     import numpy as np
 
     from cablejax.simulate.pose import canonical_pose, centred
@@ -64,8 +65,8 @@ def _pieces(xyz: "np.ndarray", along: "np.ndarray", dataset: dict[str, Any], see
         clouds.append(xyz[rng.choice(here, size=n, replace=len(here) < n)])
     stacked = np.stack(clouds)
     stacked = (stacked - stacked.mean(axis=1, keepdims=True)).astype(np.float32)
-    mask = np.ones(stacked.shape[:2], dtype=bool)
-    return jax.vmap(canonical_pose if dataset["canonical_pose"] else centred)(stacked, mask), mask
+    mask = jnp.ones(stacked.shape[:2], dtype=bool)
+    return jax.vmap(canonical_pose if dataset["canonical_pose"] else centred)(jnp.asarray(stacked), mask), mask
 
 
 def run(options: argparse.Namespace) -> dict[str, Any]:

@@ -21,7 +21,7 @@ class Profile(NamedTuple):
     Attributes:
         std_mm: Standard deviation of the fitted radius, noise included.
         shared_mm: Standard deviation of the shared errors.
-        change_mm: What they have done to the fitted radius, to be added to it.
+        change_mm: What they most likely have taken off the fitted radius.
     """
 
     std_mm: float

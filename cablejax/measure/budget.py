@@ -31,7 +31,9 @@ def uncertainty_budget(
     correlated = 2 * float(np.sqrt(max(fit.clustered_mm**2 - fit.random_mm**2, 0.0)))
     shared, how = 0.0, "each sweep's shift is fitted with the axis; its doubt is in the first line"
     if profile is not None:
+        # What the guesses would change is not taken off, but doubted in full: the guesses may be wrong altogether.
         shared = 2 * UNSEEN * float(np.sqrt(max(profile.std_mm**2 - fit.random_mm**2, 0.0)))
+        shared = float(np.hypot(shared, 2 * profile.change_mm))
         how = f"sweeps unknown: shifts of {profile.shared_mm:.2g} mm, from the mean residual around the circumference"
     seen = int((fit.weight > 0).sum())
     lines = [

@@ -57,7 +57,7 @@ def test_oval_section_gives_both_diameters_and_the_mean():
     result = measure_cable(bent_cable(oval=0.3, arc_deg=360.0))
     assert result.diameter_mm == pytest.approx(30, abs=0.02)
     assert result.minimum_mm == pytest.approx(29.4, abs=0.02)
-    assert result.maximum_mm == pytest.approx(30.6, abs=0.02)
+    assert result.maximum_mm == pytest.approx(30.6, abs=0.03)  # 4 standard deviations of the amplitude
     assert result.ovality == pytest.approx(1.2 / 30, rel=0.02)
 
 
