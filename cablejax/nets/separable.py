@@ -30,7 +30,7 @@ class SeparableConv(nnx.Module):
 
     def __call__(self, grid: Float[Array, "b h w c"]) -> Float[Array, "b h w d"]:
         """Convolve a raster `[b, h, w, c]` of (axial, angular) cells."""
-        mixed = depthwise_conv(grid, self.depthwise[...], self.dilation)
+        mixed: Array = depthwise_conv(grid, self.depthwise[...], self.dilation)
         return jax.nn.gelu(self.norm(self.pointwise(mixed)))
 
 

@@ -87,11 +87,8 @@ class Engine:
             config.optimizer, config.learning_rate, clip_norm=config.clip_norm, **config.optimizer_options
         )
         updates = 1 if self.full_set else plan.batches
-        self.schedule = Schedule(
-            np.float32(config.learning_rate),
-            np.float32(config.warmup_epochs * updates),
-            np.float32(config.epochs * updates),
-        )
+        numbers = (config.learning_rate, config.warmup_epochs * updates, config.epochs * updates)
+        self.schedule = Schedule(*map(np.float32, numbers))  # pyright: ignore[reportArgumentType]
         own = nnx.merge(*nnx.split(model), copy=True)
         own.train()
         self.graphdef, self._params, self._rest = nnx.split(own, nnx.Param, ...)

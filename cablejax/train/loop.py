@@ -49,7 +49,7 @@ def fit(
     folder: str | os.PathLike[str] | None = None,
     logger: RunLogger | None = None,
     progress: bool = True,
-    devices: Sequence[jax.Device] | None = None,
+    devices: Sequence[jax.Device] | None = None,  # pyright: ignore[reportInvalidTypeForm]
 ) -> TrainResult:
     """Train a model; the one given is not changed.
 

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
@@ -18,7 +19,7 @@ class Placement:
         devices: None takes all devices of all processes.
     """
 
-    def __init__(self, devices: Sequence[jax.Device] | None = None):
+    def __init__(self, devices: Sequence[jax.Device] | None = None):  # pyright: ignore[reportInvalidTypeForm]
         self.devices = list(jax.devices() if devices is None else devices)
         self.mesh = Mesh(np.array(self.devices), ("clouds",))
         self.everywhere = NamedSharding(self.mesh, PartitionSpec())
@@ -48,7 +49,7 @@ class Placement:
     def _put(self, leaf: Any, sharding: NamedSharding) -> Any:
         if len(self.devices) == 1:
             return jax.device_put(leaf, self.devices[0])
-        if jax.dtypes.issubdtype(leaf.dtype, jax.dtypes.prng_key):
+        if jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key):
             data = self._put(jax.random.key_data(leaf), sharding)
             return jax.random.wrap_key_data(data, impl=jax.random.key_impl(leaf))
         host = np.asarray(leaf)

@@ -58,7 +58,8 @@ def fit_together(
     best = [engine.weights(state) for engine, state in zip(engines, states, strict=True)]
     histories: list[list[EpochRecord]] = [[] for _ in engines]
     state, data = _stacked(states), first.put(train)
-    schedule = Schedule(*(np.stack(each) for each in zip(*(engine.schedule for engine in engines), strict=True)))
+    stacked = [np.stack(each) for each in zip(*(engine.schedule for engine in engines), strict=True)]
+    schedule = Schedule(*stacked)  # pyright: ignore[reportArgumentType]
     run = _compiled(first)
     for epoch in tqdm(
         range(config.epochs), desc=f"{len(models)} x {config.optimizer}", disable=None if progress else True
@@ -68,7 +69,8 @@ def fit_together(
         for call in range(rows.shape[1]):
             state, report = run(state, data, rows[:, call], schedule)
             reports.append(jax.device_get(report))
-        joined = StepReport(*(np.concatenate(each, axis=1) for each in zip(*reports, strict=True)))
+        parts = [np.concatenate(each, axis=1) for each in zip(*reports, strict=True)]
+        joined = StepReport(*parts)  # pyright: ignore[reportArgumentType]
         for member, engine in enumerate(engines):
             own = jax.tree.map(lambda leaf, member=member: leaf[member], state)
             histories[member].append(_record(engine, own, joined, member, epoch, validation))

@@ -103,7 +103,7 @@ def _filled(tree: Any, arrays: dict[str, np.ndarray], places: Sequence[str], kep
     """The tree with stored arrays in place of those of the same name and shape; names of the others go to `kept`."""
 
     def fill(path: Any, leaf: Array) -> Array:
-        if jax.dtypes.issubdtype(leaf.dtype, jax.dtypes.prng_key) or not jnp.issubdtype(leaf.dtype, jnp.floating):
+        if jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key) or not jnp.issubdtype(leaf.dtype, jnp.floating):
             return leaf
         for place in places:
             stored = arrays.get(place + jax.tree_util.keystr(path))
