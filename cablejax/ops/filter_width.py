@@ -18,6 +18,7 @@ from cablejax.ops.surface_fit import TINY, fit_frame, fit_heights, residual
 PILOT = 2048  # points whose neighbours predict them
 SHARES = tuple(0.2 * 1.25**i for i in range(12))  # widths tried, per local noise of eq. (3): 0.2 to 2.3
 BAND = 3.0  # neighbours off the surface by so many deviations lose their say: another sheet, an outlier
+LEAST = 0.2  # share that the others must have in a point's surface for it to count as a prediction
 LIFT = 4.5  # see `choose_alpha`; chosen on five of the ten shapes of benchmarks/denoise.py
 
 
@@ -74,17 +75,28 @@ def _predict(xyz: Array, neighbors: Array, centre: Array, width: Array, order: i
     frame = fit_frame(in_space, neighbors)
     pilot = fit_heights(in_space, neighbors, frame, order=order)
     off_surface = residual(pilot)
+    # The k nearest in space of a lifted point are, at the rim, lifted ones alone: in the plane, only what no lift excludes.
+    reach = jnp.max(jnp.where(neighbors >= 0, _sq_distances(xyz, neighbors, centre), 0.0), axis=0)
+    rim = jnp.maximum(reach - jnp.square(BAND * pilot.noise), 0.25 * reach)
     band = 0.5 / jnp.square(BAND * jnp.maximum(pilot.noise, TINY**0.25))
 
     def in_plane(rows: Array, near: Array) -> tuple[Array, Array]:
         offset = gather(xyz, rows) - centre
         off, sq_dist = off_surface(offset)
-        return jnp.where(near, jnp.exp(-sq_dist * scale - jnp.square(off) * band), 0.0), offset
+        inside = near & (sq_dist <= rim)
+        return jnp.where(inside, jnp.exp(-sq_dist * scale - jnp.square(off) * band), 0.0), offset
 
     fit = fit_heights(in_plane, neighbors, frame, order=order)
     # The own weight falls with the own residual alone; without its share, the height is what the others predict.
-    own = jnp.exp(-jnp.square(pilot.height) * band)
-    return jnp.square(fit.height / jnp.maximum(1.0 - own * fit.leverage, 0.05)), pilot.noise
+    others = 1.0 - jnp.exp(-jnp.square(pilot.height) * band) * fit.leverage
+    loss = jnp.square(fit.height / jnp.maximum(others, LEAST))
+    # A kernel that holds hardly more than the point itself gives it back and predicts nothing: as bad as its width.
+    return jnp.where(others < LEAST, jnp.square(width), loss), pilot.noise
+
+
+def _sq_distances(xyz: Array, neighbors: Array, centre: Array) -> Array:
+    """Squared distance of each neighbour from its centre `[k, m]`."""
+    return jnp.stack([jnp.square(gather(xyz, rows) - centre).sum(axis=0) for rows in neighbors])
 
 
 def choose_alpha(trial: Trial) -> Float[Array, ""]:
