@@ -55,12 +55,15 @@ def provenance(*, seeds: int | Sequence[int] | Mapping[str, int], config: Any = 
 
 
 def git_state(folder: Path = REPOSITORY) -> dict[str, Any]:
-    """Revision and dirty flag of the checkout whose root is `folder`; None where it is no checkout's root."""
+    """Revision and dirty flag of the checkout whose root is `folder`; None where it is no checkout's root.
+
+    Files under `results/` do not count: a command that writes two of them would call the second one dirty.
+    """
     top = _git(folder, "rev-parse", "--show-toplevel")
     revision = _git(folder, "rev-parse", "HEAD")
     if top is None or revision is None or Path(top).resolve() != folder.resolve():
         return {"revision": None, "dirty": None}
-    changes = _git(folder, "status", "--porcelain", "--untracked-files=normal")
+    changes = _git(folder, "status", "--porcelain", "--untracked-files=normal", "--", ".", ":!results")
     return {"revision": revision, "dirty": None if changes is None else bool(changes)}
 
 

@@ -91,6 +91,9 @@ def test_dirty_means_tracked_or_untracked_but_not_ignored(tmp_path):
     (tmp_path / "runs").mkdir()
     (tmp_path / "runs" / "log").write_text("x")
     assert git_state(tmp_path) == clean
+    (tmp_path / "results").mkdir()
+    (tmp_path / "results" / "table.json").write_text("{}")
+    assert git_state(tmp_path) == clean  # what a command writes makes its own next file no less clean
     (tmp_path / "new.py").write_text("x")
     assert git_state(tmp_path) == {**clean, "dirty": True}
     (tmp_path / "new.py").unlink()
