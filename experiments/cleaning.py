@@ -2,6 +2,8 @@
 
 import time
 from collections.abc import Callable
+from dataclasses import asdict
+from functools import lru_cache
 from typing import NamedTuple
 
 import jax
@@ -21,7 +23,7 @@ Cleaner = Callable[[PointCloud], PointCloud]
 
 
 class Timing(NamedTuple):
-    """Seconds of the first call less a warm one, and of a warm call (median)."""
+    """Seconds of the first call less a warm one (near 0 where the process has compiled it before), and of a warm call."""
 
     compile_s: float
     run_s: float
@@ -56,7 +58,7 @@ def _adaptive(config: AdaptiveFilterConfig) -> Cleaner:
 
 
 def make_cleaner(config: FilterConfig) -> Cleaner:
-    """Build the filter that a configuration asks for.
+    """Build the filter that a configuration asks for; equal configurations share one, so that it is compiled once.
 
     Returns:
         A jit-compiled function of a cloud: outliers come back masked and, where the filter smooths, points moved.
@@ -64,6 +66,12 @@ def make_cleaner(config: FilterConfig) -> Cleaner:
     Raises:
         TypeError: If the configuration is of no known filter.
     """
+    return _cleaner(type(config), tuple(sorted(asdict(config).items())))
+
+
+@lru_cache(maxsize=8)
+def _cleaner(kind: type[FilterConfig], values: tuple[tuple[str, object], ...]) -> Cleaner:
+    config: FilterConfig = kind(**dict(values))  # pyright: ignore[reportArgumentType]
     match config:
         case AdaptiveFilterConfig():
             cleaner = _adaptive(config)
@@ -76,7 +84,7 @@ def make_cleaner(config: FilterConfig) -> Cleaner:
         case MedianFilterConfig():
             cleaner = _only_removal(lambda cloud: median_outliers(cloud, k=config.k, ratio=config.ratio))
         case _:
-            raise TypeError(f"filter: expected a known filter's configuration, got {type(config).__name__}")
+            raise TypeError(f"filter: expected a known filter's configuration, got {kind.__name__}")
     return jax.jit(cleaner)
 
 

@@ -23,7 +23,7 @@ def cable_of(size_mm2: float) -> Cable:
     return cables[size_mm2]
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=16)  # all seeds of a sweep, whose innermost key they are
 def _bare_scan(preset: str, n: int, size_mm2: float, shape: str, arc_deg: float, outliers: float, seed: int) -> Scan:
     return simulate_scan(
         cable_of(size_mm2),
@@ -45,7 +45,10 @@ def make_scan(scan: ScanConfig, noise: NoiseConfig, *, seed: int) -> Scan:
 
 
 def signed_distance_mm(scan: Scan, xyz_mm: np.ndarray) -> np.ndarray:
-    """Signed distance of points `[n, 3]` to a scan's true surface `[n]` in mm, negative inside."""
+    """Signed distance of points `[n, 3]` to a scan's true surface `[n]` in mm, negative inside.
+
+    Give all points and choose afterwards: every other number of points is compiled anew.
+    """
     return np.asarray(signed_distance(scan.surface, jnp.asarray(xyz_mm, dtype=jnp.float32)))
 
 

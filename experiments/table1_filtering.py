@@ -29,7 +29,7 @@ def run(cfg: Config, folder: Path) -> dict[str, Any]:
     scan = make_scan(cfg.scan, cfg.noise, seed=cfg.seed)
     cleaned, timing = timed(make_cleaner(cfg.filter), PointCloud.from_xyz(scan.xyz_mm), repeats=cfg.timing_repeats)
     keep = np.asarray(cleaned.mask)
-    signed = signed_distance_mm(scan, np.asarray(cleaned.xyz)[keep])
+    signed = signed_distance_mm(scan, np.asarray(cleaned.xyz))[keep]
     return {
         "points": int(keep.size),
         "remaining": int(keep.sum()),

@@ -21,8 +21,8 @@ def run(cfg: Config, folder: Path) -> dict[str, Any]:
     raw = np.asarray(scan.xyz_mm)
     cleaned, timing = timed(make_cleaner(cfg.filter), PointCloud.from_xyz(raw), repeats=1)
     keep = np.asarray(cleaned.mask)
-    before = Deviation.of(signed_distance_mm(scan, raw[keep]), tolerance_mm=cfg.tolerance_mm)
-    signed = signed_distance_mm(scan, np.asarray(cleaned.xyz)[keep])
+    before = Deviation.of(signed_distance_mm(scan, raw)[keep], tolerance_mm=cfg.tolerance_mm)
+    signed = signed_distance_mm(scan, np.asarray(cleaned.xyz))[keep]
     after = Deviation.of(signed, tolerance_mm=cfg.tolerance_mm)
     return {
         "before": before._asdict(),

@@ -45,7 +45,7 @@ def table1_truth(results: Results) -> Table:
                     f"{NAMES[name]}, {NAMES[noise].lower()}",
                     *[results.mean(metric, **cell).format(3) for metric in ("precision", "recall", "f1")],
                     *[results.mean(metric, **cell).format(3) for metric in ("rms_mm", "diameter_bias_mm")],
-                    results.mean("compile_seconds", **cell).format(1),
+                    f"{max(row['compile_seconds'] for row in results.rows(**cell)):.1f}",
                 ]
             )
     return Table(
@@ -53,7 +53,7 @@ def table1_truth(results: Results) -> Table:
         ["Filter, noise", "precision", "recall", "F1", "RMS (mm)", "diameter bias (mm)", "compile (s)"],
         rows,
         "Removal of the simulated outliers, then the remaining points' distance to the true surface; the diameter bias is "
-        f"twice their median signed distance. {told(results)}.",
+        f"twice their median signed distance. Compilation of the first seed. {told(results)}.",
     )
 
 
