@@ -3,7 +3,7 @@
     python -m benchmarks.coverage --scans 1000 --out results/benchmarks/coverage.json --plot results/figures/coverage.png
 
 Half of the scans are measured in scan order, where the sweeps show, half with their rows shuffled, where they do not.
-Sizes and keys are none of those on which the constants of the budget were chosen.
+The keys are none of those on which the constants of the budget were chosen.
 """
 
 import argparse
@@ -19,7 +19,7 @@ from cablejax.io import provenance, write_json
 PRESETS = ("line-laser", "paper-floor", "structured-light", "terrestrial", "ideal")
 SHAPES = ("straight", "bend", "s-bend", "catenary")
 ARCS = (360.0, 180.0, 90.0, 60.0)
-FIRST_KEY = 50_000
+FIRST_KEY = 90_000  # those from 50,000 on were looked at when the budget's constants were chosen
 
 
 def one_scan(index: int, points: int) -> dict[str, Any]:
