@@ -9,6 +9,7 @@ a `PointFileError`, and the row says how often. Every 40th file of theirs goes t
 """
 
 import argparse
+import contextlib
 import gzip
 import json
 import os
@@ -90,6 +91,7 @@ class Worker:
     def __init__(self, command: list[str]):
         self.command = command
         self.process: subprocess.Popen[str] | None = None
+        self.late_deaths = 0
 
     def ask(self, path: Path) -> dict[str, Any]:
         """How reading a file ends."""
@@ -99,8 +101,14 @@ class Worker:
         assert self.process.stdout is not None
         timer = threading.Timer(2 * SECONDS + 60, self.process.kill)
         timer.start()
-        self.process.stdin.write(f"{path}\n")
-        self.process.stdin.flush()
+        try:
+            self.process.stdin.write(f"{path}\n")
+            self.process.stdin.flush()
+        except BrokenPipeError:  # it answered for the last file and died while it cleaned up: a new one takes this file
+            timer.cancel()
+            self.close()
+            self.late_deaths += 1
+            return self.ask(path)
         line = self.process.stdout.readline()
         in_time = timer.is_alive()
         timer.cancel()
@@ -114,7 +122,8 @@ class Worker:
         """End the process."""
         if self.process is not None:
             self.process.kill()
-            self.process.communicate()
+            with contextlib.suppress(BrokenPipeError):  # what was not written when it died
+                self.process.communicate()
             self.process = None
 
 
@@ -159,7 +168,14 @@ def fuzz(name: str, base: Path, count: int, seed: int, folder: Path) -> dict[str
             if outcome not in ("read", "refused") and not contained:
                 failures.append({"index": index, "damage": damage, **result, "outcome": outcome})
     worker.close()
-    return {"format": name, "tried": count, "seed": seed, **outcomes, "failures": failures}
+    return {
+        "format": name,
+        "tried": count,
+        "seed": seed,
+        **outcomes,
+        "late deaths": worker.late_deaths,
+        "failures": failures,
+    }
 
 
 def main() -> None:
