@@ -72,10 +72,11 @@ def study_bars(results: Results) -> Drawing:
         key=lambda n: results.mean("test_overall", optimizer__name=n, rates="tuned").mean,
     )
     for rates, marker, color, shift in (("tuned", "o", "#0072B2", 0.12), ("keras", "s", "#E69F00", -0.12)):
-        values = [results.mean("test_overall", optimizer__name=name, rates=rates) for name in names]
+        there = [i for i, name in enumerate(names) if results.rows(optimizer__name=name, rates=rates)]
+        values = [results.mean("test_overall", optimizer__name=names[i], rates=rates) for i in there]
         spread = [0.0 if np.isnan(value.half_width) else value.half_width for value in values]
         label = "tuned rate" if rates == "tuned" else "Keras' default rate"
-        ax.errorbar([value.mean for value in values], np.arange(len(names)) + shift, xerr=spread, fmt=marker, ms=5,
+        ax.errorbar([value.mean for value in values], np.array(there) + shift, xerr=spread, fmt=marker, ms=5,
                     color=color, capsize=3, label=label, ls="none")  # fmt: skip
     ax.set_yticks(range(len(names)), [NAMES[name] for name in names])
     ax.set_xlabel("test accuracy, eq 20, with 95 % interval over seeds")

@@ -105,8 +105,7 @@ def study(results: Results) -> Table:
                 results.mean("test_class_average", **cell, **tuned).format(3),
                 _against(reference, [row["test_overall"] for row in own]) if name != "adadelta" else "",
                 _reached(own),
-                f"{results.rows(**cell, rates='keras')[0]['learning_rate']:g}",
-                results.mean("test_overall", **cell, rates="keras").format(3),
+                *_at_default(results, name),
             ]
         )
     return Table(
@@ -127,6 +126,14 @@ def study(results: Results) -> Table:
         f"Better by: paired over seeds, with the p-value of a t test. To {TARGET:g}: first epoch of that validation accuracy and "
         "its training time, mean of the seeds that reach it.",
     )
+
+
+def _at_default(results: Results, name: str) -> tuple[str, str]:
+    """Keras' rate and the accuracy there, empty where it was not run."""
+    rows = results.rows(optimizer__name=name, rates="keras")
+    if not rows:
+        return "", ""
+    return f"{rows[0]['learning_rate']:g}", results.mean("test_overall", optimizer__name=name, rates="keras").format(3)
 
 
 def _against(reference: list[float], other: list[float]) -> str:
