@@ -134,7 +134,8 @@ def best_optimizer(found: Found) -> Verdict:
     return Verdict(
         f"Figure 13: choosing Adadelta raises the accuracy from {paper.ACCURACY_BEFORE} to {paper.ACCURACY_AFTER}",
         f"tuned alike, Adadelta reaches {estimate(own).format(3)}, ahead of {len(ahead)} of 4 others by more than the "
-        f"95 % interval; against {NAMES[least]} the gain is {gains[least].format(3)}. At Keras' rate of 0.001 Adadelta reaches {keras.format(3)}",
+        f"95 % interval; against {NAMES[least]} the gain is {gains[least].format(3)}. "
+        f"At Keras' rate of 0.001 Adadelta reaches {keras.format(3)}",
         {4: YES, 0: NO}.get(len(ahead), PARTLY),
     )
 
