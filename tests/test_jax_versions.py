@@ -12,7 +12,8 @@ BROKEN = ("0.10.2", "0.11.0", "0.11.1", "0.11.2", "0.12.0.1")  # 0.11.0 crashes 
 
 
 def test_vmapped_matrix_vector_product_then_sum():
-    # jax 0.10.2, 0.11.2 and 0.12.0.1 give 131076 under jit, a quarter. The terms are 4 and their sum stays below 2^24, so float32 is exact in any order.
+    # jax 0.10.2, 0.11.2 and 0.12.0.1 give 131076 under jit, a quarter of it. The terms are 4 and their sum stays
+    # below 2^24, so float32 is exact in any order.
     rows = 32_769
     matrix = jnp.ones((4, 4))
     vectors = jnp.ones((rows, 4))
