@@ -17,13 +17,13 @@ $(BIN)/python:
 $(VENV)/.run-stamp: requirements/scan.txt pyproject.toml | $(BIN)/python
 	@test -e $(VENV)/.dev-stamp || echo "Installing the locked dependencies (a minute or two)"
 	@test -e $(VENV)/.dev-stamp || $(PIP) install --require-hashes -r $<
-	@$(PIP) install --no-deps --no-build-isolation -e .
+	@PYTHONWARNINGS=ignore $(PIP) install --no-deps --no-build-isolation -e .
 	@touch $@
 
 $(VENV)/.dev-stamp: requirements/dev.txt pyproject.toml | $(BIN)/python
 	@echo "Installing the locked development dependencies (a minute or two)"
 	@$(PIP) install --require-hashes -r $<
-	@$(PIP) install --no-deps --no-build-isolation -e .
+	@PYTHONWARNINGS=ignore $(PIP) install --no-deps --no-build-isolation -e .
 	@touch $@ $(VENV)/.run-stamp
 
 .PHONY: help setup setup-dev run test lint format check results reproduce verify tabulate tables paper-tables figures report notebooks lock clean
