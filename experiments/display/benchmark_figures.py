@@ -27,15 +27,15 @@ def speed(found: Found) -> Drawing | None:
     ax.axvline(EVEN, color="0.2", lw=1, ls="-")
     ax.set_xscale("log")
     ticks = [0.2, 0.5, 1, 2, 5, 10]
-    ax.set_xticks(ticks, [f"{tick:g}×" for tick in ticks])
+    ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     ax.minorticks_off()
-    ax.set_xlim(min(0.25, 0.8 * ratio.min()), max(2.5, 1.5 * ratio.max()))
+    ax.set_xlim(min(0.25, 0.6 * ratio.min()), max(2.5, 1.9 * ratio.max()))
     for y, value in zip(at, ratio, strict=True):
         side = "left" if value >= EVEN else "right"
         ax.annotate(f"{value:.2f}", (value, y), (8 if side == "left" else -8, 0), textcoords="offset points", ha=side,
                     va="center", fontsize=9)  # fmt: skip
     ax.set_yticks(at, [f"{race.task}: {race.peer}" for race in peers])
-    ax.set_xlabel("peer's time / ours (right of 1 ours is the faster)")
+    ax.set_xlabel("peer's time / ours (above 1 ours is faster)")
     ax.grid(visible=False, axis="y")
     return Drawing(
         "speed",
@@ -84,10 +84,10 @@ def denoise(results: Results) -> Drawing:
             heights = [rows[level][part] for level in levels]
             ax.bar(at, heights, width, label=method, color=COLORS[i], hatch=HATCHES[i % len(HATCHES)], ec="white")
         ax.set_xticks(range(len(levels)), [f"{100 * float(level):g} %" for level in levels])
-        ax.set_xlabel("noise, of the shape's radius")
+        ax.set_xlabel("noise (of the shape's radius)")
         ax.set_title(f"five {title}", loc="left", fontsize=10)
         ax.grid(visible=False, axis="x")
-    axes[0].set_ylabel("Chamfer distance × 10⁴ (0 is best)")
+    axes[0].set_ylabel("10⁴ Chamfer distance (0 is best)")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
     return Drawing(
         "denoise",

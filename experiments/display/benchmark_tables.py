@@ -148,7 +148,7 @@ def denoise(results: Results) -> Table:
         for row in results.raw["rows"]
     ]
     return Table(
-        "Denoising PCNet's shapes: Chamfer distance × 10⁴",
+        "Denoising PCNet's shapes: 10⁴ Chamfer distance",
         ["Noise, method", "all 10 shapes", "5 shapes tuned on", "5 others"],
         rows,
         "10,000 points a shape; the smaller the better. The filter has one setting for all levels, chosen on the first five "
