@@ -7,35 +7,53 @@ from experiments import paper
 from experiments.display.drawing import Drawing, new_figure
 from experiments.display.optimizer_figures import mark_paper
 from experiments.results import NAMES, Results
+from experiments.statistics import fluctuation
 
 
 def accuracy_curves(found: dict[str, Results]) -> Drawing:
-    """Figures 5-8: overall and class-average accuracy on validation against the epoch."""
+    """Figures 5-8: overall and class-average accuracy on validation against training progress."""
     figure = _curves(found, ("validation_overall", "validation_class_average"))
-    for ax, label in zip(figure.axes, ("accuracy, eq 20", "class average, eq 21"), strict=True):
-        ax.set_ylabel(f"validation {label}")
+    panels = zip(figure.axes, ("(a) accuracy, eq 20", "(b) class average, eq 21"), strict=True)
+    for ax, label in panels:
+        ax.set_title(label, loc="left", fontsize=10)
         ax.set_ylim(0, 1.05)
         mark_paper(ax, paper.ACCURACY_AFTER, f"paper, ADGCNN {paper.ACCURACY_AFTER}")
+    figure.axes[0].set_ylabel("accuracy on validation clouds")
     return Drawing(
         "fig5_8_accuracy",
         figure,
-        "Validation accuracies of the networks against the epoch.",
-        "Figures 5-8: accuracy against training progress; bands run from the lowest to the highest seed.",
+        "Validation accuracies of the networks against training progress.",
+        f"Figures 5-8: accuracy against training progress on clouds kept for validation; {_bands(found)}. The two accuracies are "
+        "close, since every size has as many clouds. The paper shows such curves without numbers.",
     )
 
 
 def loss_curves(found: dict[str, Results]) -> Drawing:
-    """Figures 9-12: training and validation loss against the epoch."""
-    figure = _curves(found, ("train_loss", "validation_loss"))
-    for ax, label in zip(figure.axes, ("training", "validation"), strict=True):
-        ax.set_ylabel(f"{label} loss (nats)")
+    """Figures 9-12: training and validation loss against training progress, with their fluctuation."""
+    metrics = ("train_loss", "validation_loss")
+    figure = _curves(found, metrics)
+    for ax, metric, label in zip(figure.axes, metrics, ("(a) training", "(b) validation"), strict=True):
+        ax.set_title(label, loc="left", fontsize=10)
         ax.set_yscale("log")
+        rough = [f"{NAMES[r.config('model.name')]} {_roughness(r, metric):.3f}" for r in found.values()]
+        ax.annotate("fluctuation (nats)\n" + "\n".join(rough), (0.02, 0.02), xycoords="axes fraction", fontsize=8)
+    figure.axes[0].set_ylabel("loss, cross entropy (nats)")
     return Drawing(
         "fig9_12_loss",
         figure,
-        "Training and validation loss of the networks against the epoch, on a logarithmic axis.",
-        "Figures 9-12: loss of the same runs; bands run from the lowest to the highest seed.",
+        "Training and validation loss of the networks against training progress, on a logarithmic axis.",
+        f"Figures 9-12: loss of the same runs; {_bands(found)}. Fluctuation: root mean square of the loss about its mean over "
+        "three epochs, over the second half of the run. A loss that has not begun to fall fluctuates little, too.",
     )
+
+
+def _roughness(results: Results, metric: str) -> float:
+    return float(np.mean([fluctuation([epoch[metric] for epoch in row["history"]]) for row in results.rows()]))
+
+
+def _bands(found: dict[str, Results]) -> str:
+    several = any(len(results.rows()) > 1 for results in found.values())
+    return "bands run from the lowest to the highest seed" if several else "one seed each"
 
 
 def _curves(found: dict[str, Results], metrics: tuple[str, str]):
@@ -45,11 +63,13 @@ def _curves(found: dict[str, Results], metrics: tuple[str, str]):
     for style, results in zip(line_styles(), found.values(), strict=False):
         for ax, metric in zip(axes, metrics, strict=True):
             curves = np.array([[epoch[metric] for epoch in row["history"]] for row in results.rows()])
-            epochs = np.arange(1, curves.shape[1] + 1)
-            ax.plot(epochs, curves.mean(axis=0), label=NAMES[results.config("model.name")], **style)
+            progress = 100 * np.arange(1, curves.shape[1] + 1) / curves.shape[1]
+            ax.plot(progress, curves.mean(axis=0), label=NAMES[results.config("model.name")], **style)
             if len(curves) > 1:
-                ax.fill_between(epochs, curves.min(axis=0), curves.max(axis=0), color=style["color"], alpha=0.15, lw=0)
-            ax.set_xlabel("epoch")
+                ax.fill_between(
+                    progress, curves.min(axis=0), curves.max(axis=0), color=style["color"], alpha=0.15, lw=0
+                )
+            ax.set_xlabel("training progress (% of epochs)")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
     return figure
 
