@@ -69,8 +69,13 @@ def rank_blocks(
     blocks, q = own_row.shape
     slots = min(slots_for(k), near.node.shape[1] * LEAF)
     leaf = jnp.maximum(near.node, 0)
-    there = (tree.row[leaf] >= 0) & (near.node >= 0)[:, :, None]
-    candidates = jnp.where(there[None], tree.xyz[:, leaf], jnp.inf).reshape(3, blocks, 1, -1, WORD)
+    sure = near.bound.min() >= 0.0
+
+    def gather(node: Array, leaf: Array, tree_row: Array, tree_xyz: Array) -> Array:
+        there = (tree_row[leaf] >= 0) & (node >= 0)[:, :, None]
+        return jnp.where(there[None], tree_xyz[:, leaf], jnp.inf).reshape(3, blocks, 1, -1, WORD)
+
+    candidates = apart(gather, sure, near.node, leaf, tree.row, tree.xyz)
     words = candidates.shape[3]
 
     def score(operands: tuple[Array, Array], word: int) -> Array:
@@ -79,7 +84,6 @@ def rank_blocks(
     least = min(k + 1, words * WORD)
     operands = (xyz, candidates)
     found = narrow(score, operands, words=words, least=least, most=slots, guess=guess, active=own_row > -2)
-    sure = near.bound.min() >= 0.0
     sq_dist = _square_sum(xyz[:, :, :, None, None] - candidates)
     words = selected(sq_dist, found.value)
     column = apart(lambda words: columns(words, slots).reshape(-1, slots), sure, words)
