@@ -143,7 +143,11 @@ def test_precision_reaches_every_product(precision):
     engine = Engine(Tiny(nnx.Rngs(0)), config, make_plan(24, config))
     state, data = engine.initial_state(), engine.put(split())
     run = make_runner(engine.graphdef, engine.optimizer, config, full_set=False)
-    text = jax.jit(run).lower(state, data, epoch_rows(config, 0, np.asarray(data[2]), engine.plan)[0], engine.schedule).as_text()
+    text = (
+        jax.jit(run)
+        .lower(state, data, epoch_rows(config, 0, np.asarray(data[2]), engine.plan)[0], engine.schedule)
+        .as_text()
+    )
     products = [line for line in text.splitlines() if "dot_general" in line and "stablehlo" in line]
     assert len(products) >= 5  # two forward; for the kernels two more, for the hidden layer's output one
     assert all(("bf16" in line) == (precision == "bfloat16") for line in products)
