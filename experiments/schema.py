@@ -185,7 +185,8 @@ class TrainingConfig:
 
     epochs: int = 10
     batch_size: int = 32
-    schedule: str = "constant"
+    schedule: str = "cosine"
+    balanced: bool = True  # every batch holds about the same mix of classes
     ema_decay: float | None = None  # per update, of averaged weights; None evaluates the weights themselves
     label_smoothing: float = 0.0
     log_every: int = 1

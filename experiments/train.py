@@ -87,6 +87,7 @@ def training_config(cfg: Config) -> TrainConfig:
         optimizer_options=dict(cfg.optimizer.options),
         epochs=cfg.training.epochs,
         batch_size=cfg.training.batch_size,
+        balanced=cfg.training.balanced,
         schedule=cfg.training.schedule,
         ema_decay=cfg.training.ema_decay,
         label_smoothing=cfg.training.label_smoothing,
