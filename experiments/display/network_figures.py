@@ -102,24 +102,35 @@ def confusions(found: dict[str, Results]) -> Drawing:
 
 
 def robustness(results: Results) -> Drawing:
-    """Accuracy against noise, density and the size of a hole."""
-    figure = new_figure(6.6, 2.9)
-    axes = figure.subplots(1, 3, sharey=True)
-    names = {"noise_mm": "noise added (mm)", "kept": "share of points kept", "hole_mm": "radius of a hole (mm)"}
+    """Accuracy of the network and of a cylinder fit against noise, density, the size of a hole and the arc seen."""
+    names = {
+        "noise_mm": "noise added (mm)",
+        "kept": "share of points kept",
+        "hole_mm": "radius of a hole (mm)",
+        "arc_deg": "arc seen (degrees)",
+    }
+    figure = new_figure(6.6, 4.8)
+    axes = figure.subplots(2, 2, sharey=True).ravel()
     for ax, (kind, label) in zip(axes, names.items(), strict=True):
         rows = [[c for c in row["conditions"] if c["kind"] == kind] for row in results.rows()]
-        accuracy = np.array([[c["network"] for c in row] for row in rows])
         levels = [c["level"] for c in rows[0]]
-        ax.plot(levels, accuracy.mean(axis=0), marker="o", ms=4)
-        if len(accuracy) > 1:
-            ax.fill_between(levels, accuracy.min(axis=0), accuracy.max(axis=0), alpha=0.15, lw=0)
+        for style, who, name in zip(line_styles(), ("network", "fit"), ("ADGCNN", "cylinder fit"), strict=False):
+            accuracy = np.array([[c[who] for c in row] for row in rows])
+            ax.plot(levels, accuracy.mean(axis=0), marker="o", ms=4, label=name, **style)
+            if len(accuracy) > 1:
+                low, high = accuracy.min(axis=0), accuracy.max(axis=0)
+                ax.fill_between(levels, low, high, color=style["color"], alpha=0.15, lw=0)
         ax.set_xlabel(label)
-    axes[1].invert_xaxis()
-    axes[0].set_ylabel("test accuracy, eq 20")
-    axes[0].set_ylim(0, 1.05)
+        ax.set_ylim(0, 1.05)
+        if kind in ("kept", "arc_deg"):
+            ax.invert_xaxis()
+    for ax in axes[::2]:
+        ax.set_ylabel("test accuracy, eq 20")
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return Drawing(
         "robustness",
         figure,
-        "Test accuracy against added noise, share of points kept, and radius of a hole.",
-        "ADGCNN trained on standard clouds, tested on worse ones; bands run from the lowest to the highest seed.",
+        "Test accuracy against added noise, share of points kept, radius of a hole, and arc seen.",
+        "ADGCNN trained on standard clouds, tested on clouds that get worse to the right, beside a cylinder fit to them"
+        + ("; bands run from the lowest to the highest seed." if len(results.seeds) > 1 else ", one seed."),
     )
