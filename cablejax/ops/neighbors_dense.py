@@ -149,7 +149,7 @@ def _bits(keys: Float[Array, "..."]) -> Int[Array, "..."]:
 def _threshold(values: Int[Array, "q g"], k: int) -> Int[Array, " q"]:
     """The k-th smallest value of each row, its low bits set, by fixing one bit after the other."""
 
-    def fix(step: Array, found: Int[Array, " q"]) -> Int[Array, " q"]:
+    def fix(step: Array | int, found: Int[Array, " q"]) -> Int[Array, " q"]:
         trial = found | (1 << (30 - step))
         below = jnp.sum((values < trial[:, None]).astype(jnp.int32), axis=1)
         return jnp.where(below < k, trial, found)
