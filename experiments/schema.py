@@ -16,6 +16,7 @@ FORMS = ("linear", "exponential")
 PRESETS = ("paper-floor", "paper-aligned", "structured-light", "line-laser", "terrestrial")
 VERSIONS = ("clean", "standard", "hard", "real-like")
 SIZES = ("smoke", "quick", "paper")
+SCHEDULES = ("constant", "cosine")
 
 
 def _check(ok: bool, key: str, expected: str, got: object) -> None:
@@ -184,6 +185,9 @@ class TrainingConfig:
 
     epochs: int = 10
     batch_size: int = 32
+    schedule: str = "cosine"
+    balanced: bool = True  # every batch holds about the same mix of classes
+    ema_decay: float | None = None  # per update, of averaged weights; None evaluates the weights themselves
     label_smoothing: float = 0.0
     log_every: int = 1
     test: bool = True  # False while tuning: the test split is touched once, by what was chosen on validation
@@ -196,6 +200,8 @@ class TrainingConfig:
     def __post_init__(self) -> None:
         _check(self.epochs >= 1, "training.epochs", "at least 1 epoch", self.epochs)
         _check(self.batch_size >= 2, "training.batch_size", "at least 2 clouds (batch norm)", self.batch_size)
+        _check(self.schedule in SCHEDULES, "training.schedule", f"one of {', '.join(SCHEDULES)}", self.schedule)
+        _check(self.ema_decay is None or 0 < self.ema_decay < 1, "training.ema_decay", "in (0, 1)", self.ema_decay)
         _check(0 <= self.label_smoothing < 1, "training.label_smoothing", "in [0, 1)", self.label_smoothing)
 
 
@@ -262,6 +268,7 @@ def from_flat(flat: dict[str, Any]) -> Config:
 
 def register() -> None:
     """Make the schema, and the resolvers of learning rates, known to Hydra under the names that conf/ uses."""
+    OmegaConf.register_new_resolver("is_paper", lambda size: size == "paper", replace=True)
     OmegaConf.register_new_resolver("trial_rate", tuning.trial_rate, replace=True)
     OmegaConf.register_new_resolver("tuned_rate", tuning.tuned_rate, replace=True)
     store = ConfigStore.instance()

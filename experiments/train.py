@@ -22,6 +22,7 @@ from cablejax.simulate import DatasetConfig, Split, make_split, sample_clouds
 from cablejax.train import Metrics, TrainConfig, TrainingDiverged, TrainResult, evaluate, fit, initialise_from
 from cablejax.types import PointCloud
 from experiments import app
+from experiments.baseline import baseline
 from experiments.schema import Config
 from experiments.schema import DatasetConfig as DatasetSchema
 
@@ -86,6 +87,9 @@ def training_config(cfg: Config) -> TrainConfig:
         optimizer_options=dict(cfg.optimizer.options),
         epochs=cfg.training.epochs,
         batch_size=cfg.training.batch_size,
+        balanced=cfg.training.balanced,
+        schedule=cfg.training.schedule,
+        ema_decay=cfg.training.ema_decay,
         label_smoothing=cfg.training.label_smoothing,
         seed=cfg.seed,
         keep_best=True,
@@ -138,6 +142,7 @@ def run(cfg: Config, folder: Path) -> dict[str, Any]:
                 "test_class_average": test.class_average,
                 "test_loss": test.loss,
                 "test_confusion": test.confusion.tolist(),
+                **baseline(split, clouds_of(cfg.dataset, 1).diameters_mm),
             }
     return metrics | {"labels_mm2": labels}
 
@@ -174,7 +179,9 @@ def headline(metrics: dict[str, Any]) -> str:
         return f"rate {metrics['learning_rate']:g}: {metrics['error']}"
     text = f"rate {metrics['learning_rate']:g}, loss {metrics['history'][-1]['train_loss']:.3f}, "
     text += f"validation accuracy {metrics['validation_overall']:.3f} (best epoch {metrics['best_epoch']})"
-    return text + (f", test {metrics['test_overall']:.3f}" if "test_overall" in metrics else "")
+    if "test_overall" not in metrics:
+        return text
+    return text + f", test {metrics['test_overall']:.3f} (a cylinder fit: {metrics['baseline_overall']:.3f})"
 
 
 if __name__ == "__main__":

@@ -9,6 +9,10 @@ from jaxtyping import Array, Bool, Float
 from cablejax.ops.raster import cylinder_frame, principal_frame
 
 POSES = ("none", "principal", "cylinder")
+# Middle and spread of the radii of the catalogue's cables (10.6 to 22.8 mm). The radius tells the size, and sizes are 0.6
+# to 1.6 mm of radius apart: beside coordinates of several scales it would drown.
+RADIUS_MM = 16.5
+RADIUS_SPREAD_MM = 4.0
 
 
 class PosedClouds(NamedTuple):
@@ -18,7 +22,8 @@ class PosedClouds(NamedTuple):
         features: Coordinates, and for the pose "cylinder" the radius as a fourth channel `[b, n, 3 or 4]`.
         axial: Position along the axis `[b, n]`, in scales.
         angle: Angle about the axis `[b, n]`, radians.
-        radius: Distance from the axis `[b, n]`, in scales.
+        radius: Distance from the axis `[b, n]`, standardised by `RADIUS_MM` and `RADIUS_SPREAD_MM`; 0 on padding and where
+            no cylinder was found.
     """
 
     features: Float[Array, "b n c"]
@@ -46,18 +51,19 @@ def pose_clouds(xyz: Float[Array, "b n 3"], mask: Bool[Array, "b n"], *, pose: s
         mask: True where a row is a point `[b, n]`.
         pose: "none" centres; "principal" also turns to the principal axes; "cylinder" unbends the cable onto the
             cylinder fitted to it, so that its axis is x and its surface lies at its radius, and gives the radius as a
-            channel. All three keep size, which is the label. Static.
+            channel, standardised. All three keep size, which is the label. Static.
         scale_mm: Length that becomes 1.
     """
     pose_channels(pose)
     frame = jax.vmap(cylinder_frame)(xyz, mask)
     axial, radius = frame.axial / scale_mm, frame.radius / scale_mm
+    standard = jnp.where(frame.radius > 0, (frame.radius - RADIUS_MM) / RADIUS_SPREAD_MM, 0.0)
     if pose == "cylinder":
         across = [radius * jnp.cos(frame.angle), radius * jnp.sin(frame.angle)]
-        features = jnp.stack([axial, *across, radius], axis=-1)
+        features = jnp.stack([axial, *across, standard], axis=-1)
     else:
         centroid, rotation = jax.vmap(principal_frame)(xyz, mask)
         features = jnp.where(mask[..., None], xyz - centroid[:, None, :], 0.0) / scale_mm
         if pose == "principal":
             features = jnp.einsum("bni,bji->bnj", features, rotation)
-    return PosedClouds(features, axial, frame.angle, radius)
+    return PosedClouds(features, axial, frame.angle, standard)

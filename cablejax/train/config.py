@@ -20,6 +20,8 @@ class TrainConfig:
         batch_size: Clouds per gradient; the last, smaller batch of an epoch is left out (another permutation each
             epoch), so that batch statistics always see as many clouds.
         seed: Decides the order of the clouds.
+        balanced: Whether all batches of an epoch hold about the same mix of classes. Batch normalisation then sees the
+            same statistics from batch to batch: where the label is a length, another mix shifts the lengths themselves.
         schedule: "constant", or "cosine": the rate falls to 0 along half a cosine over the run.
         warmup_epochs: The rate rises linearly over this many epochs first.
         label_smoothing: See `cross_entropy`.
@@ -44,6 +46,7 @@ class TrainConfig:
     epochs: int = 10
     batch_size: int = 32
     seed: int = 0
+    balanced: bool = False
     schedule: str = "constant"
     warmup_epochs: float = 0.0
     label_smoothing: float = 0.0

@@ -2,14 +2,15 @@
 
 import time
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from flax import nnx
-from jaxtyping import Array, Int
+from jaxtyping import Array
 
+from cablejax.train.batches import Plan, epoch_rows
 from cablejax.train.config import TrainConfig
 from cablejax.train.history import EpochRecord
 from cablejax.train.metrics import Clouds, Metrics, predict, score
@@ -30,42 +31,6 @@ class TrainingDiverged(RuntimeError):
         super().__init__(message)
         self.state = state
         self.details = details
-
-
-class Plan(NamedTuple):
-    """How an epoch is cut.
-
-    Attributes:
-        batches: Batches of an epoch.
-        batch_size: Clouds of a batch.
-        per_call: Batches of one compiled call; divides `batches`.
-    """
-
-    batches: int
-    batch_size: int
-    per_call: int
-
-
-def make_plan(clouds: int, config: TrainConfig) -> Plan:
-    """Cut an epoch of `clouds` clouds.
-
-    Raises:
-        ValueError: If there is no cloud.
-    """
-    if clouds < 1:
-        raise ValueError("train: expected at least one cloud, got none")
-    batch_size = min(config.batch_size, clouds)
-    batches = clouds // batch_size
-    most = min(config.steps_per_dispatch, batches)
-    per_call = next(size for size in range(most, 0, -1) if batches % size == 0)
-    return Plan(batches, batch_size, batches if OPTIMIZERS[config.optimizer].full_set else per_call)
-
-
-def epoch_rows(seed: int, epoch: int, clouds: int, plan: Plan) -> Int[Array, "calls s b"]:
-    """The clouds of every batch of an epoch, drawn without replacement; the same for the same seed and epoch."""
-    key = jax.random.fold_in(jax.random.key(seed), epoch)
-    order = jax.random.permutation(key, clouds)[: plan.batches * plan.batch_size]
-    return order.reshape(-1, plan.per_call, plan.batch_size)
 
 
 class Engine:
@@ -122,7 +87,7 @@ class Engine:
         Raises:
             TrainingDiverged: If a loss is not finite.
         """
-        rows = epoch_rows(self.config.seed, epoch, len(data[2]), self.plan)
+        rows = epoch_rows(self.config, epoch, np.asarray(self.placement.local(data[2])), self.plan)
         run = self._compiled(state, data, self.placement.cut(rows[0]))
         start = time.perf_counter()
         reports = []

@@ -11,8 +11,9 @@ from flax import nnx
 from tqdm import tqdm
 
 from cablejax.io.tensorboard import RunLogger
+from cablejax.train.batches import make_plan
 from cablejax.train.config import TrainConfig
-from cablejax.train.engine import Engine, TrainingDiverged, make_plan
+from cablejax.train.engine import Engine, TrainingDiverged
 from cablejax.train.history import EpochRecord, best_epoch, out_of_patience
 from cablejax.train.metrics import Clouds
 from cablejax.train.placement import Placement

@@ -9,8 +9,9 @@ import numpy as np
 from flax import nnx
 from tqdm import tqdm
 
+from cablejax.train.batches import epoch_rows, make_plan
 from cablejax.train.config import TrainConfig
-from cablejax.train.engine import Engine, epoch_rows, make_plan
+from cablejax.train.engine import Engine
 from cablejax.train.history import EpochRecord, best_epoch
 from cablejax.train.loop import TrainResult
 from cablejax.train.metrics import Clouds
@@ -64,7 +65,7 @@ def fit_together(
     for epoch in tqdm(
         range(config.epochs), desc=f"{len(models)} x {config.optimizer}", disable=None if progress else True
     ):
-        rows = jnp.stack([epoch_rows(each.seed, epoch, len(train.label), plan) for each in configs])
+        rows = jnp.stack([epoch_rows(each, epoch, np.asarray(train.label), plan) for each in configs])
         reports = []
         for call in range(rows.shape[1]):
             state, report = run(state, data, rows[:, call], schedule)

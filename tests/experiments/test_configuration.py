@@ -12,7 +12,8 @@ from experiments.app import to_config
 
 CONF = ROOT / "conf"
 GROUPS = ("filter", "noise", "scan", "dataset", "model", "optimizer", "launcher", "size", "experiment")
-EXPERIMENTS = sorted(path.stem for path in (CONF / "experiment").glob("*.yaml"))
+SHARED = {"networks"}  # what several experiments start from, none itself
+EXPERIMENTS = sorted({path.stem for path in (CONF / "experiment").glob("*.yaml")} - SHARED)
 
 
 def compose_config(*overrides: str) -> schema.Config:

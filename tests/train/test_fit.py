@@ -14,7 +14,8 @@ import pytest
 from flax import nnx
 
 from cablejax.train import TrainingDiverged, cross_entropy, evaluate, fit
-from cablejax.train.engine import Engine, epoch_rows, make_plan
+from cablejax.train.batches import epoch_rows, make_plan
+from cablejax.train.engine import Engine
 from cablejax.train.metrics import class_average_accuracy, confusion_matrix, overall_accuracy
 from cablejax.train.step import make_runner
 from tests.train.tiny import Tiny, settings, split, weights
@@ -142,7 +143,11 @@ def test_precision_reaches_every_product(precision):
     engine = Engine(Tiny(nnx.Rngs(0)), config, make_plan(24, config))
     state, data = engine.initial_state(), engine.put(split())
     run = make_runner(engine.graphdef, engine.optimizer, config, full_set=False)
-    text = jax.jit(run).lower(state, data, epoch_rows(0, 0, 24, engine.plan)[0], engine.schedule).as_text()
+    text = (
+        jax.jit(run)
+        .lower(state, data, epoch_rows(config, 0, np.asarray(data[2]), engine.plan)[0], engine.schedule)
+        .as_text()
+    )
     products = [line for line in text.splitlines() if "dot_general" in line and "stablehlo" in line]
     assert len(products) >= 5  # two forward; for the kernels two more, for the hidden layer's output one
     assert all(("bf16" in line) == (precision == "bfloat16") for line in products)
