@@ -5,11 +5,12 @@ from typing import get_args
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Num
-from scipy.spatial import KDTree
 
+from cablejax.registration.loop import Limits, State, doubtful, steps
 from cablejax.registration.normals import surface_normals
+from cablejax.registration.partners import Partners, Surface
 from cablejax.registration.result import RegistrationResult
-from cablejax.registration.step import Kernel, Method, Pairs, Step, icp_step
+from cablejax.registration.step import Kernel, Method, Step
 from cablejax.types import PointCloud, Status
 
 LEAST_SHARE = 0.01  # normals that are off by 0.1 rad show a sliding cylinder a share of 0.01
@@ -99,6 +100,8 @@ def icp(
         if value not in allowed:
             raise ValueError(f"{name}: expected one of {', '.join(allowed)}, got {value!r}")
     moving, fixed = _host(source, "source"), _host(target, "target")
+    if max_iterations < 1:
+        raise ValueError(f"max_iterations: expected at least 1, got {max_iterations}")
     start = np.eye(4) if T_init is None else np.asarray(T_init, dtype=np.float64)
     if min(len(moving), len(fixed)) < 6:
         return _empty(start, 0, 0)
@@ -108,41 +111,40 @@ def icp(
     if size == 0:
         return _empty(start, 0, 0)
     moving, fixed = (moving - origin) / size, (fixed - origin) / size
-    tree = KDTree(fixed)
-    spacing = float(np.median(tree.query(fixed[:: max(1, len(fixed) // 5000)], k=2)[0][:, 1]))
-    reach = 10 * spacing if max_distance is None else float(max_distance) / size
-    fixed_normals = surface_normals(fixed, k=k_normals, tree=tree)
-    moving_normals = surface_normals(moving, k=k_normals) if method == "gicp" else np.zeros_like(moving)
-    T = _scaled(_shifted(start, origin, 1), 1 / size)
-    device = [jnp.asarray(array, jnp.float32) for array in (moving, moving_normals)]
-    step: Step | None = None
-    inliers = done = 0
-    small = False
-    for done in range(1, max_iterations + 1):
-        distance, near = tree.query(moving @ T[:3, :3].T + T[:3, 3], distance_upper_bound=reach, workers=-1)
-        paired = np.isfinite(distance)
-        inliers = int(paired.sum())
-        if inliers < 6:
-            return _empty(_shifted(_scaled(T, size), origin, -1), inliers, done)
-        near = np.where(paired, near, 0)
-        pairs = Pairs(
-            device[0],
-            device[1],
-            jnp.asarray(fixed[near], jnp.float32),
-            jnp.asarray(fixed_normals[near], jnp.float32),
-            jnp.asarray(paired, jnp.float32),
-        )
-        current: Step = icp_step(
-            pairs, jnp.asarray(T, jnp.float32), jnp.float32(least_share), method=method, kernel=kernel
-        )
-        T = _orthonormal(np.asarray(current.T_target_source, dtype=np.float64))
-        step = current
-        small = float(current.moved) < tolerance * spacing + 1e-7 * float(np.abs(fixed).max())
-        if small:
-            break
-    if step is None:
-        raise ValueError(f"max_iterations: expected at least 1, got {max_iterations}")
-    return _result(step, T, origin, size, converged=small, iterations=done, inliers=inliers)
+    target_surface = Surface(fixed, k=k_normals)
+    reach = 10 * target_surface.spacing if max_distance is None else float(max_distance) / size
+    normals = surface_normals(moving, k=k_normals) if method == "gicp" else None
+    partners = Partners(moving, normals, target_surface, reach=reach)
+    least_move = tolerance * target_surface.spacing + 1e-7 * float(np.abs(fixed).max())
+    T, state, done = _aligned(
+        partners,
+        _scaled(_shifted(start, origin, 1), 1 / size),
+        np.array([reach, least_move, least_share], np.float32),
+        max_iterations,
+        method=method,
+        kernel=kernel,
+    )
+    inliers = int(state.step.inliers)
+    if inliers < 6:
+        return _empty(_shifted(_scaled(T, size), origin, -1), inliers, done)
+    small = bool(state.small)
+    return _result(state.step, T, origin, size, converged=small, iterations=done, inliers=inliers)
+
+
+def _aligned(
+    partners: Partners, T: np.ndarray, limits: np.ndarray, most: int, *, method: Method, kernel: Kernel
+) -> tuple[np.ndarray, State, int]:
+    """Step under jit, ask the tree again where partners are in doubt, and so on until the motion is small."""
+    reach, least_move, least_share = (jnp.float32(value) for value in limits)
+    carried, done = partners.ask(T, None), 0
+    while True:
+        limit = Limits(reach, least_move, least_share, jnp.int32(most - done))
+        state: State = steps(carried, jnp.asarray(T, jnp.float32), limit, method=method, kernel=kernel)
+        T, done = _orthonormal(np.asarray(state.T_target_source, dtype=np.float64)), done + int(state.done)
+        if not bool(state.doubtful) or done >= most:
+            return T, state, done
+        which = np.asarray(doubtful(carried, jnp.asarray(T, jnp.float32), reach))
+        carried = partners.ask(T, which)
 
 
 def _result(

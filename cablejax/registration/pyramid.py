@@ -8,25 +8,7 @@ from jaxtyping import Float, Num
 from cablejax.registration.icp import icp
 from cablejax.registration.result import RegistrationResult
 from cablejax.registration.step import Kernel, Method
-
-
-def voxel_means(xyz: Float[np.ndarray, "n 3"], size: float | int) -> Float[np.ndarray, "m 3"]:
-    """The mean of the points in each voxel of side `size`.
-
-    Raises:
-        ValueError: If `size` is not positive.
-
-    Example:
-        >>> voxel_means(np.array([[0.1, 0.0, 0.0], [0.3, 0.0, 0.0], [1.5, 0.0, 0.0]]), 1.0).round(3).tolist()
-        [[0.2, 0.0, 0.0], [1.5, 0.0, 0.0]]
-    """
-    if not size > 0:
-        raise ValueError(f"size: expected a positive number, got {size}")
-    cells = np.floor(xyz / size).astype(np.int64)
-    _, group, count = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
-    group = group.reshape(-1)
-    sums = np.stack([np.bincount(group, weights=xyz[:, axis]) for axis in range(3)], axis=1)
-    return sums / count[:, None]
+from cablejax.registration.voxels import voxel_pyramid
 
 
 def register(
@@ -59,10 +41,11 @@ def register(
     if len(voxels) == 0:
         raise ValueError("voxels: expected at least one size, got none")
     T, result = T_init, None
-    for size in voxels:
+    moving, fixed = (voxel_pyramid(np.asarray(xyz, dtype=np.float64), voxels) for xyz in (source, target))
+    for size, thin_source, thin_target in zip(voxels, moving, fixed, strict=True):
         result = icp(
-            voxel_means(np.asarray(source, dtype=np.float64), size),
-            voxel_means(np.asarray(target, dtype=np.float64), size),
+            thin_source,
+            thin_target,
             T_init=T,
             method=method,
             kernel=kernel,
