@@ -1,22 +1,23 @@
 """Iterative closest points: partners from a k-d tree on the host, the step under jit."""
 
-from typing import get_args
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Num
+from scipy.spatial import KDTree
 
 from cablejax.registration.loop import Limits, State, doubtful, steps
-from cablejax.registration.normals import surface_normals
-from cablejax.registration.partners import Partners, Surface
+from cablejax.registration.normals import plain_tree, surface_normals
+from cablejax.registration.partners import Oriented, Partners, spacing_of
 from cablejax.registration.result import RegistrationResult
-from cablejax.registration.step import Kernel, Method, Step
+from cablejax.registration.step import KERNELS, METHODS, Kernel, Method, Step
 from cablejax.types import PointCloud, Status
 
 LEAST_SHARE = 0.01  # normals that are off by 0.1 rad show a sliding cylinder a share of 0.01
 
 
-def _host(cloud: PointCloud | Num[np.ndarray, "n 3"], name: str) -> Float[np.ndarray, "n 3"]:
+def host_points(cloud: PointCloud | Num[np.ndarray, "n 3"], name: str) -> Float[np.ndarray, "n 3"]:
     """The valid points in float64.
 
     Raises:
@@ -28,6 +29,19 @@ def _host(cloud: PointCloud | Num[np.ndarray, "n 3"], name: str) -> Float[np.nda
     if xyz.ndim != 2 or xyz.shape[1] != 3:
         raise ValueError(f"{name}: expected shape [n, 3], got {list(xyz.shape)}")
     return xyz[np.isfinite(xyz).all(axis=1)]
+
+
+def check_options(method: str, kernel: str, max_iterations: int) -> None:
+    """Refuse names that there are not.
+
+    Raises:
+        ValueError: Naming the option, what was expected and what came.
+    """
+    for value, name, allowed in ((method, "method", METHODS), (kernel, "kernel", KERNELS)):
+        if value not in allowed:
+            raise ValueError(f"{name}: expected one of {', '.join(allowed)}, got {value!r}")
+    if max_iterations < 1:
+        raise ValueError(f"max_iterations: expected at least 1, got {max_iterations}")
 
 
 def _shifted(T: np.ndarray, center: np.ndarray, sign: int) -> np.ndarray:
@@ -44,11 +58,12 @@ def _scaled(T: np.ndarray, factor: float) -> np.ndarray:
     return out
 
 
-def _empty(T: np.ndarray, count: int, iterations: int) -> RegistrationResult:
-    nothing = np.zeros((6, 6))
+def nothing(T: np.ndarray, count: int, iterations: int) -> RegistrationResult:
+    """The result of too few pairs: where it began, and nothing known."""
+    unknown = np.zeros((6, 6))
     status = int(Status.EMPTY | Status.NOT_CONVERGED)
     return RegistrationResult(
-        T, False, iterations, count, float("nan"), status, nothing, np.zeros(6), nothing, np.zeros(6, bool), np.zeros(3)
+        T, False, iterations, count, float("nan"), status, unknown, np.zeros(6), unknown, np.zeros(6, bool), np.zeros(3)
     )
 
 
@@ -96,54 +111,84 @@ def icp(
         >>> np.abs(result.T_target_source[:3, 3] - [-0.01, 0.0, 0.01]).max() < 1e-4
         np.True_
     """
-    for value, name, allowed in ((method, "method", get_args(Method)), (kernel, "kernel", get_args(Kernel))):
-        if value not in allowed:
-            raise ValueError(f"{name}: expected one of {', '.join(allowed)}, got {value!r}")
-    moving, fixed = _host(source, "source"), _host(target, "target")
-    if max_iterations < 1:
-        raise ValueError(f"max_iterations: expected at least 1, got {max_iterations}")
+    moving, fixed = host_points(source, "source"), host_points(target, "target")
+    check_options(method, kernel, max_iterations)
     start = np.eye(4) if T_init is None else np.asarray(T_init, dtype=np.float64)
     if min(len(moving), len(fixed)) < 6:
-        return _empty(start, 0, 0)
-    # Under jit all is float32 and of order one: a twist mixes lengths with angles, so the unit must not matter.
-    origin = fixed.mean(axis=0)
-    size = float(np.sqrt(np.mean(np.sum((fixed - origin) ** 2, axis=1))))
-    if size == 0:
-        return _empty(start, 0, 0)
-    moving, fixed = (moving - origin) / size, (fixed - origin) / size
-    target_surface = Surface(fixed, k=k_normals)
-    reach = 10 * target_surface.spacing if max_distance is None else float(max_distance) / size
-    normals = surface_normals(moving, k=k_normals) if method == "gicp" else None
-    partners = Partners(moving, normals, target_surface, reach=reach)
-    least_move = tolerance * target_surface.spacing + 1e-7 * float(np.abs(fixed).max())
-    T, state, done = _aligned(
-        partners,
-        _scaled(_shifted(start, origin, 1), 1 / size),
-        np.array([reach, least_move, least_share], np.float32),
-        max_iterations,
-        method=method,
-        kernel=kernel,
+        return nothing(start, 0, 0)
+    tree = plain_tree(fixed)
+    normals = surface_normals(moving, k=k_normals) if method == "gicp" else np.zeros_like(moving)
+    options = Options(method, kernel, max_iterations, float(tolerance), float(least_share))
+    return between(
+        Oriented(moving, normals),
+        Oriented(fixed, surface_normals(fixed, k=k_normals, tree=tree)),
+        tree,
+        start,
+        options,
+        reach=None if max_distance is None else float(max_distance),
     )
+
+
+class Options(NamedTuple):
+    """What `icp` is told, all but the clouds, the start and the reach."""
+
+    method: Method
+    kernel: Kernel
+    max_iterations: int
+    tolerance: float
+    least_share: float
+
+
+def between(
+    moving: Oriented,
+    fixed: Oriented,
+    tree: KDTree,
+    start: Float[np.ndarray, "4 4"],
+    options: Options,
+    *,
+    reach: float | None,
+    capacity: int = 0,
+) -> RegistrationResult:
+    """`icp` of clouds that have their normals, and the target its tree.
+
+    Args:
+        moving, fixed: Source and target, in the same unit.
+        tree: Over the target's points.
+        start: Where to begin.
+        options: See `icp`.
+        reach: Largest distance between partners; ten times the target's spacing if None.
+        capacity: Source points to compile for, where more than there are: the largest of several levels.
+    """
+    # Under jit all is float32 and of order one: a twist mixes lengths with angles, so the unit must not matter.
+    origin = fixed.xyz.mean(axis=0)
+    size = float(np.sqrt(np.mean(np.sum((fixed.xyz - origin) ** 2, axis=1))))
+    if min(len(moving.xyz), len(fixed.xyz)) < 6 or size == 0:
+        return nothing(start, 0, 0)
+    spacing = spacing_of(tree, fixed.xyz) / size
+    reach = 10 * spacing if reach is None else reach / size
+    small, large = (Oriented((cloud.xyz - origin) / size, cloud.normals) for cloud in (moving, fixed))
+    partners = Partners(small, large, tree, reach=reach, scale=(origin, size), capacity=capacity)
+    least_move = options.tolerance * spacing + 1e-7 * float(np.abs(large.xyz).max())
+    T, state, done = _aligned(partners, _scaled(_shifted(start, origin, 1), 1 / size), reach, least_move, options)
     inliers = int(state.step.inliers)
     if inliers < 6:
-        return _empty(_shifted(_scaled(T, size), origin, -1), inliers, done)
-    small = bool(state.small)
-    return _result(state.step, T, origin, size, converged=small, iterations=done, inliers=inliers)
+        return nothing(_shifted(_scaled(T, size), origin, -1), inliers, done)
+    return _result(state.step, T, origin, size, converged=bool(state.small), iterations=done, inliers=inliers)
 
 
 def _aligned(
-    partners: Partners, T: np.ndarray, limits: np.ndarray, most: int, *, method: Method, kernel: Kernel
+    partners: Partners, T: np.ndarray, reach: float, least_move: float, options: Options
 ) -> tuple[np.ndarray, State, int]:
     """Step under jit, ask the tree again where partners are in doubt, and so on until the motion is small."""
-    reach, least_move, least_share = (jnp.float32(value) for value in limits)
+    numbers = [jnp.float32(value) for value in (reach, least_move, options.least_share)]
     carried, done = partners.ask(T, None), 0
     while True:
-        limit = Limits(reach, least_move, least_share, jnp.int32(most - done))
-        state: State = steps(carried, jnp.asarray(T, jnp.float32), limit, method=method, kernel=kernel)
+        limits = Limits(*numbers, jnp.int32(options.max_iterations - done))
+        state: State = steps(carried, jnp.asarray(T, jnp.float32), limits, method=options.method, kernel=options.kernel)
         T, done = _orthonormal(np.asarray(state.T_target_source, dtype=np.float64)), done + int(state.done)
-        if not bool(state.doubtful) or done >= most:
+        if not bool(state.doubtful) or done >= options.max_iterations:
             return T, state, done
-        which = np.asarray(doubtful(carried, jnp.asarray(T, jnp.float32), reach))
+        which = np.asarray(doubtful(carried, jnp.asarray(T, jnp.float32), numbers[0]))
         carried = partners.ask(T, which)
 
 

@@ -5,10 +5,15 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float, Num
 
-from cablejax.registration.icp import icp
+from cablejax.registration.icp import LEAST_SHARE, Options, between, check_options, host_points, nothing
+from cablejax.registration.normals import plain_tree
+from cablejax.registration.partners import Oriented
 from cablejax.registration.result import RegistrationResult
 from cablejax.registration.step import Kernel, Method
 from cablejax.registration.voxels import voxel_pyramid
+
+K_NORMALS = 20
+TOLERANCE, COARSE_TOLERANCE = 1e-5, 1e-2  # of the spacing: a coarse level only has to bring the next one near
 
 
 def register(
@@ -40,18 +45,19 @@ def register(
     """
     if len(voxels) == 0:
         raise ValueError("voxels: expected at least one size, got none")
-    T, result = T_init, None
-    moving, fixed = (voxel_pyramid(np.asarray(xyz, dtype=np.float64), voxels) for xyz in (source, target))
-    for size, thin_source, thin_target in zip(voxels, moving, fixed, strict=True):
-        result = icp(
-            thin_source,
-            thin_target,
-            T_init=T,
-            method=method,
-            kernel=kernel,
-            max_iterations=max_iterations,
-            max_distance=reach * size,
-        )
+    check_options(method, kernel, max_iterations)
+    T = np.eye(4) if T_init is None else np.asarray(T_init, dtype=np.float64)
+    moving, fixed = host_points(source, "source"), host_points(target, "target")
+    if min(len(moving), len(fixed)) < 6:
+        return nothing(T, 0, 0)
+    thin_source = voxel_pyramid(moving, voxels, k=K_NORMALS if method == "gicp" else None)
+    thin_target = voxel_pyramid(fixed, voxels, k=K_NORMALS)
+    capacity = max(len(level.xyz) for level in thin_source)
+    result = nothing(T, 0, 0)
+    for number, (size, near, far) in enumerate(zip(voxels, thin_source, thin_target, strict=True), 1):
+        tolerance = TOLERANCE if number == len(voxels) else COARSE_TOLERANCE
+        options = Options(method, kernel, max_iterations, tolerance, LEAST_SHARE)
+        clouds = [Oriented(level.xyz, level.normals()) for level in (near, far)]
+        result = between(*clouds, plain_tree(far.xyz), T, options, reach=reach * size, capacity=capacity)
         T = result.T_target_source
-    assert result is not None
     return result

@@ -114,7 +114,9 @@ def _gram(rows: Float[Array, "r n"], weight: Float[Array, " n"]) -> Float[Array,
 def _along(direction: Array, offset: Array, difference: Array, weight: Array) -> tuple[Array, Array]:
     """Sums `[6, 6]` and `[6]` of the squares of the components along a direction: a point's twist moves it there by
     (direction, offset x direction) . twist."""
-    rows = jnp.concatenate([direction, cross(offset, direction), jnp.sum(direction * difference, axis=0, keepdims=True)])
+    rows = jnp.concatenate(
+        [direction, cross(offset, direction), jnp.sum(direction * difference, axis=0, keepdims=True)]
+    )
     total = _gram(rows, weight)
     return total[:6, :6], total[:6, 6]
 
