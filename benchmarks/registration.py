@@ -62,7 +62,7 @@ def stations(n: int, voxels: tuple[float, ...]) -> Callable[[int], Task]:
     from cablejax.simulate import catalogue, simulate_scan, station_points
 
     scan = simulate_scan(
-        catalogue()[8], n_points=round(2.5 * n), shape="joint+support", arc_deg=120.0, stations=2, key=jax.random.key(7)
+        catalogue()[8], n_points=round(2.5 * n), shape="joint+tray", arc_deg=120.0, stations=2, key=jax.random.key(7)
     )
     source, target = (np.asarray(station_points(scan, i), dtype=np.float64) for i in (1, 0))
     poses = np.asarray(scan.T_cable_station, dtype=np.float64)
@@ -172,7 +172,9 @@ def side_by_side(draw: Callable[[int], Task], method: str, contenders: dict[str,
             "over_open3d": float(np.median(np.array(times) / theirs)),
             "first_call_s": first[name],
             "other_clouds_first_s": other[name],
-            **dict(zip(("error_mm", "error_mrad"), np.sqrt(np.mean(np.square(apart[name]), axis=0)).tolist(), strict=True)),
+            **dict(
+                zip(("error_mm", "error_mrad"), np.sqrt(np.mean(np.square(apart[name]), axis=0)).tolist(), strict=True)
+            ),
         }
         for name, times in seconds.items()
     ]

@@ -117,6 +117,7 @@ def icp(
     if min(len(moving), len(fixed)) < 6:
         return nothing(start, 0, 0)
     tree = plain_tree(fixed)
+    spacing = spacing_of(tree, fixed)
     normals = surface_normals(moving, k=k_normals) if method == "gicp" else np.zeros_like(moving)
     options = Options(method, kernel, max_iterations, float(tolerance), float(least_share))
     return between(
@@ -125,7 +126,8 @@ def icp(
         tree,
         start,
         options,
-        reach=None if max_distance is None else float(max_distance),
+        spacing=spacing,
+        reach=10 * spacing if max_distance is None else float(max_distance),
     )
 
 
@@ -146,7 +148,8 @@ def between(
     start: Float[np.ndarray, "4 4"],
     options: Options,
     *,
-    reach: float | None,
+    spacing: float,
+    reach: float,
     capacity: int = 0,
 ) -> RegistrationResult:
     """`icp` of clouds that have their normals, and the target its tree.
@@ -156,7 +159,8 @@ def between(
         tree: Over the target's points.
         start: Where to begin.
         options: See `icp`.
-        reach: Largest distance between partners; ten times the target's spacing if None.
+        spacing: Of the target's points, about, for the tolerance.
+        reach: Largest distance between partners.
         capacity: Source points to compile for, where more than there are: the largest of several levels.
     """
     # Under jit all is float32 and of order one: a twist mixes lengths with angles, so the unit must not matter.
@@ -164,12 +168,12 @@ def between(
     size = float(np.sqrt(np.mean(np.sum((fixed.xyz - origin) ** 2, axis=1))))
     if min(len(moving.xyz), len(fixed.xyz)) < 6 or size == 0:
         return nothing(start, 0, 0)
-    spacing = spacing_of(tree, fixed.xyz) / size
-    reach = 10 * spacing if reach is None else reach / size
     small, large = (Oriented((cloud.xyz - origin) / size, cloud.normals) for cloud in (moving, fixed))
-    partners = Partners(small, large, tree, reach=reach, scale=(origin, size), capacity=capacity)
-    least_move = options.tolerance * spacing + 1e-7 * float(np.abs(large.xyz).max())
-    T, state, done = _aligned(partners, _scaled(_shifted(start, origin, 1), 1 / size), reach, least_move, options)
+    partners = Partners(small, large, tree, reach=reach / size, scale=(origin, size), capacity=capacity)
+    least_move = options.tolerance * spacing / size + 1e-7 * float(np.abs(large.xyz).max())
+    T, state, done = _aligned(
+        partners, _scaled(_shifted(start, origin, 1), 1 / size), reach / size, least_move, options
+    )
     inliers = int(state.step.inliers)
     if inliers < 6:
         return nothing(_shifted(_scaled(T, size), origin, -1), inliers, done)

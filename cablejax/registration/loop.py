@@ -9,6 +9,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from cablejax.registration.step import Kernel, Method, Pairs, Step, icp_step
 
+AHEAD = 2.0  # the tree is also asked for what would be in doubt after as long a way again: fewer, larger questions
 _PRECISION = jax.lax.Precision.HIGHEST
 
 
@@ -75,20 +76,20 @@ def _nearest(carried: Carried, moved: Float[Array, "3 n"]) -> tuple[Array, Array
     return best, target, normal
 
 
-def _doubt(carried: Carried, moved: Array, sq: Array, reach: Array) -> Bool[Array, " n"]:
+def _doubt(carried: Carried, moved: Array, sq: Array, reach: Array, ahead: float = 1.0) -> Bool[Array, " n"]:
     """Where another target point may be nearer by now: the nearest carried one is no longer within what is known.
 
     What is further than `reach` needs no partner, so it is enough to know that nothing is nearer than that.
     """
     gone = jnp.sqrt(jnp.sum((moved - carried.asked) ** 2, axis=0))
-    return carried.valid & (jnp.minimum(jnp.sqrt(sq), reach) > carried.bound - gone)
+    return carried.valid & (jnp.minimum(jnp.sqrt(sq), reach) > carried.bound - ahead * gone)
 
 
 @jax.jit
 def doubtful(carried: Carried, T_target_source: Float[Array, "4 4"], reach: Float[Array, ""]) -> Bool[Array, " n"]:
     """Points `[n]` whose partner is not certain at a motion."""
     moved = _moved(carried, T_target_source)
-    return _doubt(carried, moved, _nearest(carried, moved)[0], reach)
+    return _doubt(carried, moved, _nearest(carried, moved)[0], reach, AHEAD)
 
 
 def _orthonormal(T: Float[Array, "4 4"]) -> Float[Array, "4 4"]:

@@ -15,7 +15,7 @@ from scipy.spatial import KDTree
 from cablejax.registration.loop import Carried
 
 CARRIED = 4  # nearest target points that each source point carries along
-FURTHER = 1.5  # reaches within which the tree looks: what lies beyond is not soon a partner
+FURTHER = 1.25  # reaches within which the tree looks: what lies beyond is not soon a partner
 FAR = 1e9  # stands for no point; its square is finite in float32
 LEAST_SIZE = 512
 

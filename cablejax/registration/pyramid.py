@@ -13,7 +13,7 @@ from cablejax.registration.step import Kernel, Method
 from cablejax.registration.voxels import voxel_pyramid
 
 K_NORMALS = 20
-TOLERANCE, COARSE_TOLERANCE = 1e-5, 1e-2  # of the spacing: a coarse level only has to bring the next one near
+TOLERANCE, COARSE_TOLERANCE = 1e-4, 1e-2  # of the spacing: a coarse level only has to bring the next one near
 
 
 def register(
@@ -58,6 +58,6 @@ def register(
         tolerance = TOLERANCE if number == len(voxels) else COARSE_TOLERANCE
         options = Options(method, kernel, max_iterations, tolerance, LEAST_SHARE)
         clouds = [Oriented(level.xyz, level.normals()) for level in (near, far)]
-        result = between(*clouds, plain_tree(far.xyz), T, options, reach=reach * size, capacity=capacity)
+        result = between(*clouds, plain_tree(far.xyz), T, options, spacing=size, reach=reach * size, capacity=capacity)
         T = result.T_target_source
     return result

@@ -23,8 +23,8 @@ class Thinned(NamedTuple):
     spread: Float[np.ndarray, "m 6"]
 
     def normals(self) -> Float[np.ndarray, "m 3"]:
-        """Unit normals of either sign."""
-        return least_direction(self.spread)
+        """Unit normals of either sign; zeros where the spread is not known."""
+        return np.zeros_like(self.xyz) if not self.spread.any() else least_direction(self.spread)
 
 
 class _Groups(NamedTuple):
