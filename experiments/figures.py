@@ -8,15 +8,16 @@ from pathlib import Path
 
 from cablejax.io import atomic_write
 from cablejax.report import figure_style, png_bytes
+from experiments.display.benchmark_sections import BENCHMARKS
 from experiments.display.drawing import Drawing
-from experiments.display.sections import all_figures
+from experiments.display.sections import SECTIONS, all_figures
 
 
 def write_figures(folder: Path, out: Path) -> list[Path]:
     """Draw each figure that a results folder allows and write it as `<out>/<name>.png`."""
     out.mkdir(parents=True, exist_ok=True)
     with figure_style():
-        return [_write(drawing, out) for drawing in all_figures(folder)]
+        return [_write(drawing, out) for drawing in all_figures(folder, SECTIONS + BENCHMARKS)]
 
 
 def _write(drawing: Drawing, out: Path) -> Path:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from experiments import ROOT
 
-TIMEOUT_S = 300
+TIMEOUT_S = 900
 
 
 def execute(path: Path) -> str:

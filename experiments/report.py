@@ -8,6 +8,7 @@ from pathlib import Path
 
 from cablejax.io import atomic_write
 from cablejax.report import Page, figure_style, point_scene
+from experiments.display.benchmark_sections import BENCHMARKS
 from experiments.display.filtering_figures import scan_clouds
 from experiments.display.sections import SECTIONS, Section
 from experiments.display.verdicts import verdict_table
@@ -33,6 +34,10 @@ def build(folder: Path) -> Page:
         found = section.read(folder)
         if found:
             everything |= found
+            _add_section(page, section, found)
+    for section in BENCHMARKS:
+        found = section.read(folder)
+        if found:
             _add_section(page, section, found)
     if not everything:
         raise FileNotFoundError(f"{folder}: no results file; run `make run` or collect an experiment first")

@@ -7,35 +7,53 @@ from experiments import paper
 from experiments.display.drawing import Drawing, new_figure
 from experiments.display.optimizer_figures import mark_paper
 from experiments.results import NAMES, Results
+from experiments.statistics import fluctuation
 
 
 def accuracy_curves(found: dict[str, Results]) -> Drawing:
-    """Figures 5-8: overall and class-average accuracy on validation against the epoch."""
+    """Figures 5-8: overall and class-average accuracy on validation against training progress."""
     figure = _curves(found, ("validation_overall", "validation_class_average"))
-    for ax, label in zip(figure.axes, ("accuracy, eq 20", "class average, eq 21"), strict=True):
-        ax.set_ylabel(f"validation {label}")
+    panels = zip(figure.axes, ("(a) accuracy, eq 20", "(b) class average, eq 21"), strict=True)
+    for ax, label in panels:
+        ax.set_title(label, loc="left", fontsize=10)
         ax.set_ylim(0, 1.05)
         mark_paper(ax, paper.ACCURACY_AFTER, f"paper, ADGCNN {paper.ACCURACY_AFTER}")
+    figure.axes[0].set_ylabel("accuracy on validation clouds")
     return Drawing(
         "fig5_8_accuracy",
         figure,
-        "Validation accuracies of the networks against the epoch.",
-        "Figures 5-8: accuracy against training progress; bands run from the lowest to the highest seed.",
+        "Validation accuracies of the networks against training progress.",
+        f"Figures 5-8: accuracy against training progress on clouds kept for validation; {_bands(found)}. The two accuracies are "
+        "close, since every size has as many clouds. The paper shows such curves without numbers.",
     )
 
 
 def loss_curves(found: dict[str, Results]) -> Drawing:
-    """Figures 9-12: training and validation loss against the epoch."""
-    figure = _curves(found, ("train_loss", "validation_loss"))
-    for ax, label in zip(figure.axes, ("training", "validation"), strict=True):
-        ax.set_ylabel(f"{label} loss (nats)")
+    """Figures 9-12: training and validation loss against training progress, with their fluctuation."""
+    metrics = ("train_loss", "validation_loss")
+    figure = _curves(found, metrics)
+    for ax, metric, label in zip(figure.axes, metrics, ("(a) training", "(b) validation"), strict=True):
+        ax.set_title(label, loc="left", fontsize=10)
         ax.set_yscale("log")
+        rough = [f"{NAMES[r.config('model.name')]} {_roughness(r, metric):.3f}" for r in found.values()]
+        ax.annotate("fluctuation (nats)\n" + "\n".join(rough), (0.02, 0.02), xycoords="axes fraction", fontsize=8)
+    figure.axes[0].set_ylabel("loss, cross entropy (nats)")
     return Drawing(
         "fig9_12_loss",
         figure,
-        "Training and validation loss of the networks against the epoch, on a logarithmic axis.",
-        "Figures 9-12: loss of the same runs; bands run from the lowest to the highest seed.",
+        "Training and validation loss of the networks against training progress, on a logarithmic axis.",
+        f"Figures 9-12: loss of the same runs; {_bands(found)}. Fluctuation: root mean square of the loss about its mean over "
+        "three epochs, over the second half of the run. A loss that has not begun to fall fluctuates little, too.",
     )
+
+
+def _roughness(results: Results, metric: str) -> float:
+    return float(np.mean([fluctuation([epoch[metric] for epoch in row["history"]]) for row in results.rows()]))
+
+
+def _bands(found: dict[str, Results]) -> str:
+    several = any(len(results.rows()) > 1 for results in found.values())
+    return "bands run from the lowest to the highest seed" if several else "one seed each"
 
 
 def _curves(found: dict[str, Results], metrics: tuple[str, str]):
@@ -45,11 +63,13 @@ def _curves(found: dict[str, Results], metrics: tuple[str, str]):
     for style, results in zip(line_styles(), found.values(), strict=False):
         for ax, metric in zip(axes, metrics, strict=True):
             curves = np.array([[epoch[metric] for epoch in row["history"]] for row in results.rows()])
-            epochs = np.arange(1, curves.shape[1] + 1)
-            ax.plot(epochs, curves.mean(axis=0), label=NAMES[results.config("model.name")], **style)
+            progress = 100 * np.arange(1, curves.shape[1] + 1) / curves.shape[1]
+            ax.plot(progress, curves.mean(axis=0), label=NAMES[results.config("model.name")], **style)
             if len(curves) > 1:
-                ax.fill_between(epochs, curves.min(axis=0), curves.max(axis=0), color=style["color"], alpha=0.15, lw=0)
-            ax.set_xlabel("epoch")
+                ax.fill_between(
+                    progress, curves.min(axis=0), curves.max(axis=0), color=style["color"], alpha=0.15, lw=0
+                )
+            ax.set_xlabel("training progress (% of epochs)")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
     return figure
 
@@ -82,24 +102,35 @@ def confusions(found: dict[str, Results]) -> Drawing:
 
 
 def robustness(results: Results) -> Drawing:
-    """Accuracy against noise, density and the size of a hole."""
-    figure = new_figure(6.6, 2.9)
-    axes = figure.subplots(1, 3, sharey=True)
-    names = {"noise_mm": "noise added (mm)", "kept": "share of points kept", "hole_mm": "radius of a hole (mm)"}
+    """Accuracy of the network and of a cylinder fit against noise, density, the size of a hole and the arc seen."""
+    names = {
+        "noise_mm": "noise added (mm)",
+        "kept": "share of points kept",
+        "hole_mm": "radius of a hole (mm)",
+        "arc_deg": "arc seen (degrees)",
+    }
+    figure = new_figure(6.6, 4.8)
+    axes = figure.subplots(2, 2, sharey=True).ravel()
     for ax, (kind, label) in zip(axes, names.items(), strict=True):
         rows = [[c for c in row["conditions"] if c["kind"] == kind] for row in results.rows()]
-        accuracy = np.array([[c["network"] for c in row] for row in rows])
         levels = [c["level"] for c in rows[0]]
-        ax.plot(levels, accuracy.mean(axis=0), marker="o", ms=4)
-        if len(accuracy) > 1:
-            ax.fill_between(levels, accuracy.min(axis=0), accuracy.max(axis=0), alpha=0.15, lw=0)
+        for style, who, name in zip(line_styles(), ("network", "fit"), ("ADGCNN", "cylinder fit"), strict=False):
+            accuracy = np.array([[c[who] for c in row] for row in rows])
+            ax.plot(levels, accuracy.mean(axis=0), marker="o", ms=4, label=name, **style)
+            if len(accuracy) > 1:
+                low, high = accuracy.min(axis=0), accuracy.max(axis=0)
+                ax.fill_between(levels, low, high, color=style["color"], alpha=0.15, lw=0)
         ax.set_xlabel(label)
-    axes[1].invert_xaxis()
-    axes[0].set_ylabel("test accuracy, eq 20")
-    axes[0].set_ylim(0, 1.05)
+        ax.set_ylim(0, 1.05)
+        if kind in ("kept", "arc_deg"):
+            ax.invert_xaxis()
+    for ax in axes[::2]:
+        ax.set_ylabel("test accuracy, eq 20")
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return Drawing(
         "robustness",
         figure,
-        "Test accuracy against added noise, share of points kept, and radius of a hole.",
-        "ADGCNN trained on standard clouds, tested on worse ones; bands run from the lowest to the highest seed.",
+        "Test accuracy against added noise, share of points kept, radius of a hole, and arc seen.",
+        "ADGCNN trained on standard clouds, tested on clouds that get worse to the right, beside a cylinder fit to them"
+        + ("; bands run from the lowest to the highest seed." if len(results.seeds) > 1 else ", one seed."),
     )

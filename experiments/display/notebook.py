@@ -5,6 +5,7 @@ from pathlib import Path
 
 from cablejax.report import figure_style, png_bytes, scene_figure
 from experiments import ROOT
+from experiments.display.benchmark_sections import BENCHMARKS
 from experiments.display.drawing import Drawing
 from experiments.display.filtering_figures import scan_clouds, scan_views
 from experiments.display.sections import SECTIONS, Section
@@ -20,7 +21,7 @@ def section(title: str) -> Section:
     Raises:
         ValueError: If there is none of that title.
     """
-    found = {each.title: each for each in SECTIONS}
+    found = {each.title: each for each in (*SECTIONS, *BENCHMARKS)}
     if title not in found:
         raise ValueError(f"title: expected one of {', '.join(found)}, got {title!r}")
     return found[title]

@@ -124,7 +124,7 @@ def all_tables(folder: Path) -> list[Table]:
     return [table for table in made if table is not None]
 
 
-def all_figures(folder: Path) -> list[Drawing]:
+def all_figures(folder: Path, told: tuple[Section, ...] = SECTIONS) -> list[Drawing]:
     """Every figure that a results folder allows, in order."""
-    made = [maker(found) for section in SECTIONS if (found := section.read(folder)) for maker in section.figures]
+    made = [maker(found) for section in told if (found := section.read(folder)) for maker in section.figures]
     return [drawing for drawing in made if drawing is not None]

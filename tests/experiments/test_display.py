@@ -28,6 +28,7 @@ def trained(accuracy: float, rate: float) -> dict[str, object]:
         "validation_overall": accuracy,
         "test_overall": accuracy,
         "test_class_average": accuracy,
+        "baseline_overall": 0.5,
         "test_confusion": [[4, 0, 0], [1, 3, 0], [0, 0, 4]],
         "labels_mm2": SIZES,
         "compile_seconds": 3.0,
@@ -75,7 +76,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     results_file(out, "optimizer_study", {}, runs(study))
     results_file(out, "ablation", {}, runs([({"variant": v}, trained(0.7, 1.0)) for v in ("full", "no_attention")]))
     conditions = [
-        {"kind": k, "level": level, "network": 0.5} for k in ("noise_mm", "kept", "hole_mm") for level in (0.0, 1.0)
+        {"kind": kind, "level": level, "network": 0.5, "fit": 0.4}
+        for kind in ("noise_mm", "kept", "hole_mm", "arc_deg")
+        for level in (0.0, 1.0)
     ]
     results_file(out, "robustness", {}, runs([({}, {"conditions": conditions})]))
     return out

@@ -1,0 +1,76 @@
+"""The sections on kernels and on measuring, which read results/benchmarks beside results/."""
+
+from experiments.display import (
+    benchmark_figures,
+    benchmark_tables,
+    measure_figures,
+    measure_tables,
+)
+from experiments.display.sections import Section, of
+
+TIMED = (
+    "benchmarks/neighbors_53135",
+    "benchmarks/removal_53135",
+    "benchmarks/filters",
+    "benchmarks/train_adgcnn_inference",
+    "benchmarks/train_adgcnn_step",
+    "benchmarks/simulate",
+)
+
+BENCHMARKS = (
+    Section(
+        "Speed",
+        "Each kernel beside the library that people use for it, on the same data and in the same process.",
+        TIMED,
+        (benchmark_tables.speed,),
+        (benchmark_figures.speed,),
+    ),
+    Section(
+        "Scaling",
+        "From a hundred thousand points upwards.",
+        ("benchmarks/scale",),
+        (),
+        (of("benchmarks/scale", benchmark_figures.scaling),),
+    ),
+    Section(
+        "Registration",
+        "Two clouds onto each other, beside Open3D.",
+        ("benchmarks/registration",),
+        (benchmark_tables.registration,),
+    ),
+    Section(
+        "Denoising",
+        "The adaptive filter on free-form shapes with public truth, and its defaults on cables of other sizes.",
+        ("benchmarks/denoise", "benchmarks/cables"),
+        (of("benchmarks/denoise", benchmark_tables.denoise), of("benchmarks/cables", benchmark_tables.cables)),
+        (of("benchmarks/denoise", benchmark_figures.denoise),),
+    ),
+    Section(
+        "Simulator",
+        "Training clouds a minute.",
+        ("benchmarks/simulate",),
+        (of("benchmarks/simulate", benchmark_tables.simulator),),
+    ),
+    Section(
+        "Files",
+        "Good, odd and damaged files of every format.",
+        ("benchmarks/parsers", "benchmarks/fuzz"),
+        (of("benchmarks/parsers", benchmark_tables.readers), of("benchmarks/fuzz", benchmark_tables.damaged)),
+    ),
+    Section(
+        "Coverage",
+        "Whether the 95 % interval of the diameter holds the truth in 95 of 100 scans.",
+        ("benchmarks/coverage",),
+        (of("benchmarks/coverage", measure_tables.coverage),),
+        (
+            of("benchmarks/coverage", measure_figures.coverage),
+            of("benchmarks/coverage", measure_figures.calibration),
+        ),
+    ),
+    Section(
+        "Real scans",
+        "Round things from public test data.",
+        ("real_scans",),
+        (of("real_scans", measure_tables.real_scans),),
+    ),
+)

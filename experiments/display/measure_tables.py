@@ -1,0 +1,76 @@
+"""Tables of the measured diameter: how often the interval holds the truth, and real scans."""
+
+from experiments.display.table import Table
+from experiments.results import Results
+
+GROUPS = {
+    "all": "all scans",
+    "preset": "scanner",
+    "shape": "shape",
+    "arc_deg": "arc seen",
+    "order": "order of the points",
+}
+
+
+def name_of(row: dict) -> str:
+    """A group of scans in words: "arc seen: 90°"."""
+    if row["by"] == "all":
+        return GROUPS["all"]
+    value = f"{row['of']:g}°" if row["by"] == "arc_deg" else f"{row['of']}"
+    return f"{GROUPS[row['by']]}: {value}"
+
+
+def coverage(results: Results) -> Table:
+    """How often the 95 % interval holds the truth, by what the scans have in common."""
+    rows = [
+        [
+            name_of(row),
+            f"{row['scans']}",
+            f"{row['refused']}",
+            f"{100 * row['coverage']:.0f}",
+            f"{100 * row['coverage_low']:.0f} to {100 * row['coverage_high']:.0f}",
+            f"{row['rmse_mm']:.4f}",
+            f"{row['rms_std_mm']:.4f}",
+        ]
+        for row in groups(results)
+    ]
+    return Table(
+        "Does the 95 % interval of the diameter hold the truth?",
+        ["Scans", "scans", "refused", "hold (%)", "95 % of that (%)", "RMS error (mm)", "RMS claimed std (mm)"],
+        rows,
+        "Simulated scans with known truth. The share that holds should be 95 %, with its own Wilson interval beside it; the root "
+        "mean square of the error should be near that of the standard deviation that the measurement claims. Refused: the scan "
+        "shows too little to give a diameter.",
+    )
+
+
+def groups(results: Results) -> list[dict]:
+    """The groups of the coverage table that say more than the row of all scans does."""
+    table = results.raw["table"]
+    alone = {row["by"] for row in table if sum(other["by"] == row["by"] for other in table) == 1} - {"all"}
+    return [row for row in table if row["by"] not in alone]
+
+
+def real_scans(results: Results) -> Table:
+    """Real scans, none of which is a cable: measured, and what is known of them."""
+    rows = []
+    for row in results.raw["rows"]:
+        measured = row.get("diameter_mm")
+        rows.append(
+            [
+                row["what"],
+                f"{row['points']:,}",
+                "refused" if measured is None else f"{measured:.1f}",
+                "" if measured is None else "{:.1f} to {:.1f}".format(*row["interval_mm"]),
+                row["known"],
+                row["error"] if measured is None else "; ".join(row["warnings"]),
+                f"{row['seconds']:.1f}",
+            ]
+        )
+    return Table(
+        "Real scans",
+        ["What", "points", "diameter (mm)", "95 % interval (mm)", "known", "what the measurement says of itself", "s"],
+        rows,
+        "No public scan of a power cable with a diameter by calliper is known to us. These are round things from public test "
+        "data, and what is known of them is another program's value, not a calliper's.",
+    )
