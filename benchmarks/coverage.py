@@ -3,13 +3,17 @@
     python -m benchmarks.coverage --scans 1000 --out results/benchmarks/coverage.json --plot results/figures/coverage.png
 
 Half of the scans are measured in scan order, where the sweeps show, half with their rows shuffled, where they do not.
-The keys are none of those on which the constants of the budget were chosen.
+The keys are none of those on which the constants of the budget were chosen; to choose such constants, give another
+`--first-key`. Every scan's row goes to a file of lines beside the result, and a run that was stopped goes on from there.
 """
 
 import argparse
+import json
 import math
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from multiprocessing import get_context
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,10 +23,10 @@ from cablejax.io import provenance, write_json
 PRESETS = ("line-laser", "paper-floor", "structured-light", "terrestrial", "ideal")
 SHAPES = ("straight", "bend", "s-bend", "catenary")
 ARCS = (360.0, 180.0, 90.0, 60.0)
-FIRST_KEY = 90_000  # those from 50,000 on were looked at when the budget's constants were chosen
+FIRST_KEY = 90_000  # those from 50,000 to 89,999 were looked at when the budget's constants were chosen
 
 
-def one_scan(index: int, points: int) -> dict[str, Any]:
+def one_scan(index: int, *, points: int, first_key: int) -> dict[str, Any]:
     """Simulate and measure; the error over its standard uncertainty, or the reason of a refusal."""
     import jax
 
@@ -34,12 +38,12 @@ def one_scan(index: int, points: int) -> dict[str, Any]:
     cables = catalogue()
     cable = cables[(5 * index + index // 160) % len(cables)]
     length = 13.5 * cable.diameter_mm  # one shape of the beams' raster for all sizes: one compilation
-    key = jax.random.key(FIRST_KEY + index)
+    key = jax.random.key(first_key + index)
     scan = simulate_scan(cable, n_points=points, preset=preset, shape=shape, arc_deg=arc, length_mm=length, key=key)
     xyz = np.asarray(scan.xyz_mm, dtype=np.float64)
     if order == "shuffled":
         xyz = np.random.default_rng(index).permutation(xyz)
-    row = {"preset": preset, "shape": shape, "arc_deg": arc, "order": order}
+    row = {"index": index, "preset": preset, "shape": shape, "arc_deg": arc, "order": order}
     try:
         result = measure_cable(xyz)
     except MeasureError as error:
@@ -94,29 +98,50 @@ def draw(table: list[dict[str, Any]], path: str) -> None:
         figure.savefig(path, dpi=150)
 
 
+def gather(options: argparse.Namespace) -> list[dict[str, Any]]:
+    """Measure every scan whose row is not yet in the file of lines, which is first in the order of the indices."""
+    lines = Path(options.out).with_suffix(".jsonl") if options.out else None
+    run = {"points": options.points, "first_key": options.first_key}
+    rows: list[dict[str, Any]] = []
+    if lines is not None and lines.is_file():
+        head, *kept = [json.loads(line) for line in lines.read_text().splitlines()]
+        if head != run:
+            raise SystemExit(f"{lines}: holds scans of another run, {head}; this one is {run}")
+        rows = kept[: options.scans]
+    elif lines is not None:
+        lines.parent.mkdir(parents=True, exist_ok=True)
+        lines.write_text(json.dumps(run) + "\n")
+    left = range(len(rows), options.scans)
+    with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
+        for row in pool.map(partial(one_scan, **run), left, chunksize=5):
+            rows.append(row)
+            if lines is not None:
+                with lines.open("a") as stream:
+                    stream.write(json.dumps(row) + "\n")
+            if len(rows) % 20 == 0:
+                print(len(rows), summary(rows), flush=True)
+    return rows
+
+
 def main() -> None:
     """Measure, print, and write the table and the plot if asked."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scans", type=int, default=1000)
     parser.add_argument("--points", type=int, default=8000)
+    parser.add_argument("--first-key", type=int, default=FIRST_KEY, help="of the scans; others to choose constants on")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--out", help="JSON file to write")
     parser.add_argument("--plot", help="PNG file to write")
     options = parser.parse_args()
-    rows = []
-    with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
-        found = pool.map(one_scan, range(options.scans), [options.points] * options.scans, chunksize=5)
-        for row in found:
-            rows.append(row)
-            if len(rows) % 20 == 0:
-                print(len(rows), summary(rows), flush=True)
-            if options.out and (len(rows) % 20 == 0 or len(rows) == options.scans):
-                kept = provenance(seeds=[FIRST_KEY], config={"points": options.points, "scans": len(rows)})
-                write_json(options.out, {"table": tables(rows), "scans": rows, "provenance": kept})
-                if options.plot:
-                    draw(tables(rows), options.plot)
+    rows = gather(options)
     for line in tables(rows):
         print("  ".join(f"{k} {v:.4g}" if isinstance(v, float) else f"{k} {v}" for k, v in line.items()))
+    if options.out:
+        config = {"points": options.points, "scans": len(rows)}
+        kept = provenance(seeds=[options.first_key], config=config)
+        write_json(options.out, {"table": tables(rows), "scans": rows, "provenance": kept})
+    if options.plot:
+        draw(tables(rows), options.plot)
 
 
 if __name__ == "__main__":

@@ -5,11 +5,13 @@
 Every contender builds its index and finds the k nearest other points of all points of one simulated cable scan; then
 statistical removal with the same k, ours and Open3D's. Rounds alternate between contenders, so that a busy moment of the
 machine hits all of them; ratios of medians are the result. jaxkd takes minutes at this size and joins up to 5,000 points.
+Last, a batch of small clouds in a feature space beside `lax.top_k` over a matrix product, and torch where it is installed.
 """
 
 import argparse
+import importlib.util
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -77,6 +79,44 @@ def removals(xyz: np.ndarray, k: int) -> dict[str, Callable[[], int]]:
     }
 
 
+def feature_searches(clouds: int, n: int, channels: int, k: int) -> dict[str, Callable[[], np.ndarray]]:
+    """Searches in a batch of feature matrices by name; each returns squared distances `[clouds, n, k]`."""
+    import jax
+    import jax.numpy as jnp
+
+    from cablejax.ops import knn_features
+
+    features = np.random.default_rng(0).normal(size=(clouds, n, channels)).astype(np.float32)
+    on_device = jnp.asarray(features)
+    ours = jax.jit(jax.vmap(lambda rows: knn_features(rows, k=k).sq_dist))
+
+    @jax.jit
+    @jax.vmap
+    def top_k(rows: jax.Array) -> jax.Array:
+        norm = jnp.square(rows).sum(axis=1)
+        sq_dist = norm[:, None] - 2.0 * rows @ rows.T + norm[None, :]
+        return -jax.lax.top_k(-jnp.where(jnp.eye(n, dtype=bool), jnp.inf, sq_dist), k)[0]
+
+    runs = {"cablejax": lambda: np.asarray(ours(on_device)), "top_k": lambda: np.asarray(top_k(on_device))}
+    if importlib.util.find_spec("torch"):
+        import torch
+
+        tensor = torch.from_numpy(features)
+        runs["torch"] = lambda: torch.cdist(tensor, tensor).topk(k + 1, largest=False)[0].numpy()[..., 1:] ** 2
+    return runs
+
+
+def agree(runs: Mapping[str, Callable[[], np.ndarray]], expected: np.ndarray, rtol: float) -> dict[str, float]:
+    """Seconds of each contender's first call; an error where one finds other distances."""
+    first = {}
+    for name, run in runs.items():
+        start = time.perf_counter()
+        found = run()
+        first[name] = time.perf_counter() - start
+        np.testing.assert_allclose(found, expected, rtol=rtol, atol=1e-9, err_msg=name)
+    return first
+
+
 def main() -> None:
     """Time all contenders on one cloud, check that they agree, print and write the table."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -88,12 +128,7 @@ def main() -> None:
     options = parser.parse_args()
     xyz = cable_scan(options.points, preset=options.preset)
     runs, removing = contenders(xyz, options.k), removals(xyz, options.k)
-    expected = runs["scipy"]()
-    first, first_removal = {}, {}
-    for name, run in runs.items():
-        start = time.perf_counter()
-        np.testing.assert_allclose(run(), expected, rtol=1e-4, atol=1e-9, err_msg=name)
-        first[name] = time.perf_counter() - start
+    first, first_removal = agree(runs, runs["scipy"](), 1e-4), {}
     for name, run in removing.items():
         start = time.perf_counter()
         kept = run()
@@ -103,6 +138,10 @@ def main() -> None:
     path = RESULTS if options.write else None
     alternate("neighbors", runs, first, config, path and path / f"neighbors_{options.points}.json")
     alternate("statistical removal", removing, first_removal, config, path and path / f"removal_{options.points}.json")
+    shape = {"clouds": 16, "points": 1024, "channels": 64, "k": options.k, "rounds": options.rounds}
+    searches = feature_searches(16, 1024, 64, options.k)
+    first = agree(searches, searches["top_k"](), 1e-3)
+    alternate("features", searches, first, shape, path and path / "neighbors_features.json")
 
 
 if __name__ == "__main__":

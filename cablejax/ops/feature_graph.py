@@ -7,12 +7,9 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from cablejax.ops.cloud_by_cloud import cloud_by_cloud
-from cablejax.ops.neighbors_select import WORD, columns
+from cablejax.ops.neighbors_dense import choose, chooses, in_order
 
-SELF = -1.0  # before every distance
-MISSING = 0x7F800000  # the bits of infinity
-GROUPS = 128
-COARSE = 13  # low bits of a threshold that are not searched: it lies up to 0.1 % too high and selects a few more
+SELF = -1.0  # before every distance; as bits it is the one negative number
 
 
 def feature_graph(features: Float[Array, "n c"], *, k: int, mask: Bool[Array, " n"] | None = None) -> Int[Array, "n k"]:
@@ -52,10 +49,9 @@ def _graph_of(k: int):
 
 def _graph(features: Float[Array, "n c"], mask: Bool[Array, " n"], *, k: int) -> Int[Array, "n k"]:
     keys = distance_keys(features, mask)
-    # The choice by threshold pays where there is something to leave out, and is written for the CPU's vectors.
-    if features.shape[0] < 2 * GROUPS or k > GROUPS // 4:
+    if not chooses(features.shape[0], k):
         neighbors = _smallest_by_top_k(keys, k=k)
-    else:
+    else:  # the choice by threshold is written for the CPU's vectors
         by_top_k = partial(_smallest_by_top_k, k=k)
         neighbors = lax.platform_dependent(keys, cpu=partial(_smallest_by_threshold, k=k), default=by_top_k)
     return jnp.where(mask[:, None], neighbors, -1)
@@ -86,50 +82,13 @@ def _smallest_by_top_k(keys: Float[Array, "n n"], *, k: int) -> Int[Array, "n k"
 
 
 def _smallest_by_threshold(keys: Float[Array, "n n"], *, k: int) -> Int[Array, "n k"]:
-    """As `_smallest_by_top_k`, without sorting rows.
+    """As `_smallest_by_top_k`, without sorting rows; clouds with tens of equal points are left to top-k."""
+    column, fits = choose(keys, k=k)
 
-    The columns are dealt into groups. The k-th smallest of the groups' least keys is a threshold that at least k keys
-    do not exceed, and hardly more, as two of the k smallest seldom share a group. Those are ranked among each other. A
-    cloud in which a row has too many of them (tens of equal points) is left to top-k.
-    """
-    n = keys.shape[0]
-    bits = lax.bitcast_convert_type(keys, jnp.int32)  # sort as the floats do: the one negative number is alone
-    padded = jnp.pad(bits, ((0, 0), (0, -n % GROUPS)), constant_values=MISSING)
-    least = jnp.min(padded.reshape(n, -1, GROUPS), axis=1)
-    threshold = jnp.minimum(_threshold(least, k), MISSING - 1)
-    hit = (padded <= threshold[:, None]).reshape(n, -1, WORD).astype(jnp.uint32)
-    words = jnp.sum(hit << jnp.arange(WORD, dtype=jnp.uint32)[None, None, :], axis=2)
-    most = jnp.max(jnp.sum(lax.population_count(words), axis=1))
-    slots = k + 12
-    column = columns(words, slots)
-    ranked = lax.optimization_barrier((column, most))  # keeps the choice out of the branch, which would fuse all anew
-    return lax.cond(
-        ranked[1] <= slots,
-        lambda: _in_order(keys, ranked[0], k=k),
-        lambda: _smallest_by_top_k(keys, k=k),
-    )
+    def chosen() -> Int[Array, "n k"]:
+        key = jnp.take_along_axis(keys, jnp.maximum(column, 0), axis=1, mode="promise_in_bounds")
+        place = in_order(column, key, k=k, ascending=True)
+        row = jnp.take_along_axis(column, jnp.maximum(place, 0), axis=1, mode="promise_in_bounds")
+        return jnp.where(place >= 0, row, -1)
 
-
-def _threshold(values: Int[Array, "n g"], k: int) -> Int[Array, " n"]:
-    """The k-th smallest value of each row, its low bits set, by fixing one bit after the other."""
-
-    def fix(step: Array, found: Int[Array, " n"]) -> Int[Array, " n"]:
-        trial = found | (1 << (30 - step))
-        below = jnp.sum((values < trial[:, None]).astype(jnp.int32), axis=1)
-        return jnp.where(below < k, trial, found)
-
-    found = lax.fori_loop(0, 31 - COARSE, fix, jnp.zeros(values.shape[0], jnp.int32))
-    return found | ((1 << COARSE) - 1)
-
-
-def _in_order(keys: Float[Array, "n n"], column: Int[Array, "n s"], *, k: int) -> Int[Array, "n k"]:
-    """Of the columns given in ascending order, -1 for none, the k with the smallest keys, by key, then column."""
-    slots = column.shape[1]
-    key = jnp.take_along_axis(keys, jnp.maximum(column, 0), axis=1, mode="promise_in_bounds")
-    key = jnp.where(column >= 0, lax.bitcast_convert_type(key, jnp.int32), MISSING)
-    earlier = (jnp.arange(slots)[None, :] < jnp.arange(slots)[:, None]).astype(jnp.int32)[None]
-    # a <= b is a < b + 1: one comparison for both orders, as no key is the largest integer.
-    before = key[:, None, :] < key[:, :, None] + earlier
-    rank = jnp.sum(before.astype(jnp.int32), axis=2)
-    place = rank[:, None, :] == jnp.arange(k)[None, :, None]
-    return jnp.sum(jnp.where(place, column[:, None, :] + 1, 0), axis=2) - 1
+    return lax.cond(fits, chosen, lambda: _smallest_by_top_k(keys, k=k))

@@ -10,6 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from cablejax.ops.filter_width import BAND, Trial, choose_alpha, pilot_step, try_widths
 from cablejax.ops.neighbors import KnnResult, knn
+from cablejax.ops.quantile import quantile
 from cablejax.ops.slots import gather, sum_over_slots
 from cablejax.ops.surface_fit import TINY, SurfaceFit, fit_surface
 from cablejax.types import PointCloud, Status
@@ -292,8 +293,7 @@ def _width(noise: Array, valid: Array, alpha, beta, form: str) -> Array:
     """Kernel widths `[n]`, eqs. (4) and (5)."""
     if form == "linear":
         return alpha * noise + (0.0 if beta is None else beta)
-    median = jnp.where(valid.any(), jnp.nanmedian(jnp.where(valid, noise, jnp.nan)), 0.0)
-    beta = median if beta is None else jnp.asarray(beta, dtype=noise.dtype)
+    beta = quantile(noise, valid, 0.5) if beta is None else jnp.asarray(beta, dtype=noise.dtype)
     safe = jnp.where(beta > 0, beta, 1.0)
     return jnp.where(beta > 0, beta * jnp.exp(alpha * noise / safe), 0.0)
 
@@ -311,6 +311,5 @@ def _edge_weight(around: _Around, settings: _Settings) -> Float[Array, " n"]:
     norm = jnp.sqrt(jnp.maximum(jnp.square(gradient).sum(axis=0), TINY))
     tau = settings.tau
     if tau is None:
-        percentile = jnp.nanquantile(jnp.where(around.valid, norm, jnp.nan), 0.95)
-        tau = jnp.where(around.valid.any(), percentile, 0.0)
+        tau = quantile(norm, around.valid, 0.95)
     return 1.0 + settings.gamma * jnp.maximum(0.0, norm - tau)

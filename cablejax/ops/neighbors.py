@@ -7,14 +7,15 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from cablejax.ops.neighbors_brute import count_brute, knn_brute
+from cablejax.ops.neighbors_brute import count_brute
+from cablejax.ops.neighbors_dense import knn_dense
 from cablejax.ops.neighbors_rank import Ranked, in_order
 from cablejax.ops.neighbors_search import Finish, search
 from cablejax.ops.neighbors_tree import Tree, build, depth_for
 from cablejax.ops.neighbors_within import count_within
 from cablejax.types import Status
 
-BRUTE_POINTS = 4096  # up to here comparing all pairs costs less than a tree
+BRUTE_POINTS = 2048  # up to here comparing all pairs costs about as little as a tree, which takes seconds to compile
 
 
 class KnnResult(NamedTuple):
@@ -85,7 +86,7 @@ def knn(
     if _has_tree(xyz):
         neighbors, sq_dist = _by_tree(cloud, queries is None, include_self, k, partial(in_order, k=k))
     else:
-        neighbors, sq_dist = knn_brute(cloud.queries, cloud.xyz, cloud.valid, cloud.skip, k=k)
+        neighbors, sq_dist = knn_dense(cloud.queries, cloud.xyz, cloud.valid, cloud.skip, k=k)
     usable = (cloud.asked & cloud.finite)[:, None]
     neighbors, sq_dist = jnp.where(usable, neighbors, -1), jnp.where(usable, sq_dist, jnp.inf)
     sq_dist = _differentiable(sq_dist, neighbors, xyz, xyz if queries is None else queries)

@@ -17,9 +17,9 @@ def square_distances(queries: Float[Array, "q c"], xyz: Float[Array, "n c"]) -> 
     return total
 
 
-def map_blocks(function, n: int, m: int, *arrays: Array):
-    """Apply `function` to blocks of rows of `arrays` (leading axis n), so that `[block, m]` stays small."""
-    block = max(1, min(n, BLOCK_ELEMENTS // max(m, 1)))
+def map_blocks(function, n: int, m: int, *arrays: Array, elements: int = BLOCK_ELEMENTS):
+    """Apply `function` to blocks of rows of `arrays` (leading axis n), so that `[block, m]` has no more than `elements`."""
+    block = max(1, min(n, elements // max(m, 1)))
     if block >= n:
         return function(*arrays)
     blocks = -(-n // block)

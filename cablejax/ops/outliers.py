@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from cablejax.ops.neighbors import KnnResult, distance_sums, knn, radius_count
+from cablejax.ops.quantile import quantile
 from cablejax.types import PointCloud, Status
 
 
@@ -115,8 +116,7 @@ def median_outliers(cloud: PointCloud, *, k: int = 20, ratio: float | Float[Arra
     valid = _finite(cloud) & near.any(axis=1)
     offset = jnp.where(valid[:, None], cloud.xyz - jnp.where(valid[:, None], median, 0.0), 0.0)
     score = jnp.sqrt(jnp.square(offset).sum(axis=1))
-    typical = jnp.nanmedian(jnp.where(valid, score, jnp.nan))
-    threshold = ratio * jnp.where(valid.any(), typical, 0.0)
+    threshold = ratio * quantile(score, valid, 0.5)
     return OutlierResult(valid & (score <= threshold), score, threshold, _status(cloud, found.status))
 
 

@@ -1,21 +1,23 @@
 """Iterative closest points: partners from a k-d tree on the host, the step under jit."""
 
-from typing import get_args
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Num
 from scipy.spatial import KDTree
 
-from cablejax.registration.normals import surface_normals
+from cablejax.registration.loop import Limits, State, doubtful, steps
+from cablejax.registration.normals import plain_tree, surface_normals
+from cablejax.registration.partners import Oriented, Partners, spacing_of
 from cablejax.registration.result import RegistrationResult
-from cablejax.registration.step import Kernel, Method, Pairs, Step, icp_step
+from cablejax.registration.step import KERNELS, METHODS, Kernel, Method, Step
 from cablejax.types import PointCloud, Status
 
 LEAST_SHARE = 0.01  # normals that are off by 0.1 rad show a sliding cylinder a share of 0.01
 
 
-def _host(cloud: PointCloud | Num[np.ndarray, "n 3"], name: str) -> Float[np.ndarray, "n 3"]:
+def host_points(cloud: PointCloud | Num[np.ndarray, "n 3"], name: str) -> Float[np.ndarray, "n 3"]:
     """The valid points in float64.
 
     Raises:
@@ -27,6 +29,19 @@ def _host(cloud: PointCloud | Num[np.ndarray, "n 3"], name: str) -> Float[np.nda
     if xyz.ndim != 2 or xyz.shape[1] != 3:
         raise ValueError(f"{name}: expected shape [n, 3], got {list(xyz.shape)}")
     return xyz[np.isfinite(xyz).all(axis=1)]
+
+
+def check_options(method: str, kernel: str, max_iterations: int) -> None:
+    """Refuse names that there are not.
+
+    Raises:
+        ValueError: Naming the option, what was expected and what came.
+    """
+    for value, name, allowed in ((method, "method", METHODS), (kernel, "kernel", KERNELS)):
+        if value not in allowed:
+            raise ValueError(f"{name}: expected one of {', '.join(allowed)}, got {value!r}")
+    if max_iterations < 1:
+        raise ValueError(f"max_iterations: expected at least 1, got {max_iterations}")
 
 
 def _shifted(T: np.ndarray, center: np.ndarray, sign: int) -> np.ndarray:
@@ -43,11 +58,12 @@ def _scaled(T: np.ndarray, factor: float) -> np.ndarray:
     return out
 
 
-def _empty(T: np.ndarray, count: int, iterations: int) -> RegistrationResult:
-    nothing = np.zeros((6, 6))
+def nothing(T: np.ndarray, count: int, iterations: int) -> RegistrationResult:
+    """The result of too few pairs: where it began, and nothing known."""
+    unknown = np.zeros((6, 6))
     status = int(Status.EMPTY | Status.NOT_CONVERGED)
     return RegistrationResult(
-        T, False, iterations, count, float("nan"), status, nothing, np.zeros(6), nothing, np.zeros(6, bool), np.zeros(3)
+        T, False, iterations, count, float("nan"), status, unknown, np.zeros(6), unknown, np.zeros(6, bool), np.zeros(3)
     )
 
 
@@ -95,54 +111,89 @@ def icp(
         >>> np.abs(result.T_target_source[:3, 3] - [-0.01, 0.0, 0.01]).max() < 1e-4
         np.True_
     """
-    for value, name, allowed in ((method, "method", get_args(Method)), (kernel, "kernel", get_args(Kernel))):
-        if value not in allowed:
-            raise ValueError(f"{name}: expected one of {', '.join(allowed)}, got {value!r}")
-    moving, fixed = _host(source, "source"), _host(target, "target")
+    moving, fixed = host_points(source, "source"), host_points(target, "target")
+    check_options(method, kernel, max_iterations)
     start = np.eye(4) if T_init is None else np.asarray(T_init, dtype=np.float64)
     if min(len(moving), len(fixed)) < 6:
-        return _empty(start, 0, 0)
+        return nothing(start, 0, 0)
+    tree = plain_tree(fixed)
+    spacing = spacing_of(tree, fixed)
+    normals = surface_normals(moving, k=k_normals) if method == "gicp" else np.zeros_like(moving)
+    options = Options(method, kernel, max_iterations, float(tolerance), float(least_share))
+    return between(
+        Oriented(moving, normals),
+        Oriented(fixed, surface_normals(fixed, k=k_normals, tree=tree)),
+        tree,
+        start,
+        options,
+        spacing=spacing,
+        reach=10 * spacing if max_distance is None else float(max_distance),
+    )
+
+
+class Options(NamedTuple):
+    """What `icp` is told, all but the clouds, the start and the reach."""
+
+    method: Method
+    kernel: Kernel
+    max_iterations: int
+    tolerance: float
+    least_share: float
+
+
+def between(
+    moving: Oriented,
+    fixed: Oriented,
+    tree: KDTree,
+    start: Float[np.ndarray, "4 4"],
+    options: Options,
+    *,
+    spacing: float,
+    reach: float,
+    capacity: int = 0,
+) -> RegistrationResult:
+    """`icp` of clouds that have their normals, and the target its tree.
+
+    Args:
+        moving, fixed: Source and target, in the same unit.
+        tree: Over the target's points.
+        start: Where to begin.
+        options: See `icp`.
+        spacing: Of the target's points, about, for the tolerance.
+        reach: Largest distance between partners.
+        capacity: Source points to compile for, where more than there are: the largest of several levels.
+    """
     # Under jit all is float32 and of order one: a twist mixes lengths with angles, so the unit must not matter.
-    origin = fixed.mean(axis=0)
-    size = float(np.sqrt(np.mean(np.sum((fixed - origin) ** 2, axis=1))))
-    if size == 0:
-        return _empty(start, 0, 0)
-    moving, fixed = (moving - origin) / size, (fixed - origin) / size
-    tree = KDTree(fixed)
-    spacing = float(np.median(tree.query(fixed[:: max(1, len(fixed) // 5000)], k=2)[0][:, 1]))
-    reach = 10 * spacing if max_distance is None else float(max_distance) / size
-    fixed_normals = surface_normals(fixed, k=k_normals, tree=tree)
-    moving_normals = surface_normals(moving, k=k_normals) if method == "gicp" else np.zeros_like(moving)
-    T = _scaled(_shifted(start, origin, 1), 1 / size)
-    device = [jnp.asarray(array, jnp.float32) for array in (moving, moving_normals)]
-    step: Step | None = None
-    inliers = done = 0
-    small = False
-    for done in range(1, max_iterations + 1):
-        distance, near = tree.query(moving @ T[:3, :3].T + T[:3, 3], distance_upper_bound=reach, workers=-1)
-        paired = np.isfinite(distance)
-        inliers = int(paired.sum())
-        if inliers < 6:
-            return _empty(_shifted(_scaled(T, size), origin, -1), inliers, done)
-        near = np.where(paired, near, 0)
-        pairs = Pairs(
-            device[0],
-            device[1],
-            jnp.asarray(fixed[near], jnp.float32),
-            jnp.asarray(fixed_normals[near], jnp.float32),
-            jnp.asarray(paired, jnp.float32),
-        )
-        current: Step = icp_step(
-            pairs, jnp.asarray(T, jnp.float32), jnp.float32(least_share), method=method, kernel=kernel
-        )
-        T = _orthonormal(np.asarray(current.T_target_source, dtype=np.float64))
-        step = current
-        small = float(current.moved) < tolerance * spacing + 1e-7 * float(np.abs(fixed).max())
-        if small:
-            break
-    if step is None:
-        raise ValueError(f"max_iterations: expected at least 1, got {max_iterations}")
-    return _result(step, T, origin, size, converged=small, iterations=done, inliers=inliers)
+    origin = fixed.xyz.mean(axis=0)
+    size = float(np.sqrt(np.mean(np.sum((fixed.xyz - origin) ** 2, axis=1))))
+    if min(len(moving.xyz), len(fixed.xyz)) < 6 or size == 0:
+        return nothing(start, 0, 0)
+    small, large = (Oriented((cloud.xyz - origin) / size, cloud.normals) for cloud in (moving, fixed))
+    partners = Partners(small, large, tree, reach=reach / size, scale=(origin, size), capacity=capacity)
+    least_move = options.tolerance * spacing / size + 1e-7 * float(np.abs(large.xyz).max())
+    T, state, done = _aligned(
+        partners, _scaled(_shifted(start, origin, 1), 1 / size), reach / size, least_move, options
+    )
+    inliers = int(state.step.inliers)
+    if inliers < 6:
+        return nothing(_shifted(_scaled(T, size), origin, -1), inliers, done)
+    return _result(state.step, T, origin, size, converged=bool(state.small), iterations=done, inliers=inliers)
+
+
+def _aligned(
+    partners: Partners, T: np.ndarray, reach: float, least_move: float, options: Options
+) -> tuple[np.ndarray, State, int]:
+    """Step under jit, ask the tree again where partners are in doubt, and so on until the motion is small."""
+    numbers = [jnp.float32(value) for value in (reach, least_move, options.least_share)]
+    carried, done = partners.ask(T, None), 0
+    while True:
+        limits = Limits(*numbers, jnp.int32(options.max_iterations - done))
+        state: State = steps(carried, jnp.asarray(T, jnp.float32), limits, method=options.method, kernel=options.kernel)
+        T, done = _orthonormal(np.asarray(state.T_target_source, dtype=np.float64)), done + int(state.done)
+        if not bool(state.doubtful) or done >= options.max_iterations:
+            return T, state, done
+        which = np.asarray(doubtful(carried, jnp.asarray(T, jnp.float32), numbers[0]))
+        carried = partners.ask(T, which)
 
 
 def _result(

@@ -4,6 +4,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import KDTree
 
+LINE = 1e-3  # squared length of the longest product of rows below which the closed form loses the direction
+
 
 def surface_normals(
     xyz: Float[np.ndarray, "n 3"], *, k: int = 20, tree: KDTree | None = None
@@ -15,7 +17,53 @@ def surface_normals(
         >>> bool(np.allclose(np.abs(surface_normals(flat, k=8)), [0, 0, 1]))
         True
     """
-    k = min(k, len(xyz))
-    _, near = (KDTree(xyz) if tree is None else tree).query(xyz, k=k, workers=-1)
-    spread = xyz[near] - xyz[near].mean(axis=1, keepdims=True)
-    return np.linalg.eigh(np.einsum("nki,nkj->nij", spread, spread))[1][:, :, 0]
+    return least_direction(spread_of(xyz, plain_tree(xyz) if tree is None else tree, k=k))
+
+
+def plain_tree(xyz: Float[np.ndarray, "n 3"]) -> KDTree:
+    """A tree that is split in the middle of its boxes: built in half the time, asked as fast."""
+    return KDTree(xyz, leafsize=24, balanced_tree=False, compact_nodes=False)
+
+
+def spread_of(xyz: Float[np.ndarray, "n 3"], tree: KDTree, *, k: int) -> Float[np.ndarray, "n 6"]:
+    """Covariance of the `k` nearest points about each point: its entries xx, yy, zz, xy, xz, yz `[n, 6]`."""
+    _, near = tree.query(xyz, k=range(1, min(k, len(xyz)) + 1), workers=-1)
+    near = np.ascontiguousarray(near.T)  # sums over the neighbours are then sums of long rows
+    x, y, z = (column[near] - column for column in (np.ascontiguousarray(column) for column in xyz.T))
+    x, y, z = (values - values.mean(axis=0) for values in (x, y, z))
+    pairs = ((x, x), (y, y), (z, z), (x, y), (x, z), (y, z))
+    return np.stack([np.einsum("kn,kn->n", a, b) for a, b in pairs], axis=1) / len(near)
+
+
+def least_direction(spread: Float[np.ndarray, "n 6"]) -> Float[np.ndarray, "n 3"]:
+    """Eigenvectors `[n, 3]` of the smallest eigenvalues of symmetric matrices, given by xx, yy, zz, xy, xz, yz.
+
+    The smallest root of the cubic in closed form (Smith 1961), then the longest cross product of two rows of C - root I.
+    Where the two smallest eigenvalues are nearly equal that product vanishes, and LAPACK is asked.
+    """
+    third = spread[:, :3].mean(axis=1)
+    a, b, c = spread[:, :3].T - third
+    d, e, f = spread[:, 3:].T
+    size = np.sqrt((a * a + b * b + c * c + 2 * (d * d + e * e + f * f)) / 6)
+    safe = np.where(size > 0, size, 1.0)
+    a, b, c, d, e, f = (entry / safe for entry in (a, b, c, d, e, f))
+    half = (a * (b * c - f * f) - d * (d * c - f * e) + e * (d * f - b * e)) / 2
+    root = 2 * np.cos(np.arccos(np.clip(half, -1, 1)) / 3 + 2 * np.pi / 3)
+    a, b, c = a - root, b - root, c - root
+    products = np.stack(
+        [
+            np.stack([d * f - e * b, e * d - a * f, a * b - d * d]),
+            np.stack([d * c - e * f, e * e - a * c, a * f - d * e]),
+            np.stack([b * c - f * f, f * e - d * c, d * f - b * e]),
+        ]
+    )
+    length = np.einsum("pin,pin->pn", products, products)
+    best, columns = np.argmax(length, axis=0), np.arange(len(spread))
+    longest = length[best, columns]
+    out = products[best, :, columns] / np.sqrt(np.where(longest > 0, longest, 1.0))[:, None]
+    unsure = np.flatnonzero(longest < LINE)
+    if len(unsure):
+        xx, yy, zz, xy, xz, yz = spread[unsure].T
+        full = np.stack([np.stack([xx, xy, xz]), np.stack([xy, yy, yz]), np.stack([xz, yz, zz])])
+        out[unsure] = np.linalg.eigh(full.transpose(2, 0, 1))[1][:, :, 0]
+    return out

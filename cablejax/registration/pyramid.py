@@ -5,28 +5,15 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float, Num
 
-from cablejax.registration.icp import icp
+from cablejax.registration.icp import LEAST_SHARE, Options, between, check_options, host_points, nothing
+from cablejax.registration.normals import plain_tree
+from cablejax.registration.partners import Oriented
 from cablejax.registration.result import RegistrationResult
 from cablejax.registration.step import Kernel, Method
+from cablejax.registration.voxels import voxel_pyramid
 
-
-def voxel_means(xyz: Float[np.ndarray, "n 3"], size: float | int) -> Float[np.ndarray, "m 3"]:
-    """The mean of the points in each voxel of side `size`.
-
-    Raises:
-        ValueError: If `size` is not positive.
-
-    Example:
-        >>> voxel_means(np.array([[0.1, 0.0, 0.0], [0.3, 0.0, 0.0], [1.5, 0.0, 0.0]]), 1.0).round(3).tolist()
-        [[0.2, 0.0, 0.0], [1.5, 0.0, 0.0]]
-    """
-    if not size > 0:
-        raise ValueError(f"size: expected a positive number, got {size}")
-    cells = np.floor(xyz / size).astype(np.int64)
-    _, group, count = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
-    group = group.reshape(-1)
-    sums = np.stack([np.bincount(group, weights=xyz[:, axis]) for axis in range(3)], axis=1)
-    return sums / count[:, None]
+K_NORMALS = 20
+TOLERANCE, COARSE_TOLERANCE = 1e-4, 1e-2  # of the spacing: a coarse level only has to bring the next one near
 
 
 def register(
@@ -58,17 +45,19 @@ def register(
     """
     if len(voxels) == 0:
         raise ValueError("voxels: expected at least one size, got none")
-    T, result = T_init, None
-    for size in voxels:
-        result = icp(
-            voxel_means(np.asarray(source, dtype=np.float64), size),
-            voxel_means(np.asarray(target, dtype=np.float64), size),
-            T_init=T,
-            method=method,
-            kernel=kernel,
-            max_iterations=max_iterations,
-            max_distance=reach * size,
-        )
+    check_options(method, kernel, max_iterations)
+    T = np.eye(4) if T_init is None else np.asarray(T_init, dtype=np.float64)
+    moving, fixed = host_points(source, "source"), host_points(target, "target")
+    if min(len(moving), len(fixed)) < 6:
+        return nothing(T, 0, 0)
+    thin_source = voxel_pyramid(moving, voxels, k=K_NORMALS if method == "gicp" else None)
+    thin_target = voxel_pyramid(fixed, voxels, k=K_NORMALS)
+    capacity = max(len(level.xyz) for level in thin_source)
+    result = nothing(T, 0, 0)
+    for number, (size, near, far) in enumerate(zip(voxels, thin_source, thin_target, strict=True), 1):
+        tolerance = TOLERANCE if number == len(voxels) else COARSE_TOLERANCE
+        options = Options(method, kernel, max_iterations, tolerance, LEAST_SHARE)
+        clouds = [Oriented(level.xyz, level.normals()) for level in (near, far)]
+        result = between(*clouds, plain_tree(far.xyz), T, options, spacing=size, reach=reach * size, capacity=capacity)
         T = result.T_target_source
-    assert result is not None
     return result

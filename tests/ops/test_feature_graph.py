@@ -5,7 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from cablejax.ops.feature_graph import GROUPS, distance_keys, feature_graph
+from cablejax.ops.feature_graph import distance_keys, feature_graph
+from cablejax.ops.neighbors_dense import GROUPS
 from tests.reference import edges as reference
 
 N, K, C = 24, 5, 4

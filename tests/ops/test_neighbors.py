@@ -12,7 +12,7 @@ from tests.reference import neighbors as reference
 
 K = 7
 SMALL = 260  # compares all pairs
-LARGE = 4500  # builds a tree
+LARGE = 2500  # builds a tree
 
 
 def rng():
@@ -196,6 +196,20 @@ def test_gradient_of_distances():
     np.testing.assert_allclose(jax.grad(through_search)(xyz), jax.grad(direct)(xyz), rtol=1e-4, atol=1e-4)
 
 
+def test_gradient_of_a_radius_search():
+    xyz = jnp.asarray(CLOUDS["volume"](SMALL))
+    found = radius_search(xyz, radius=0.2, capacity=8)
+    inside = np.asarray(found.neighbors) >= 0
+
+    def through_search(x):
+        return jnp.sum(jnp.where(inside, radius_search(x, radius=0.2, capacity=8).sq_dist, 0.0))
+
+    def direct(x):
+        return jnp.sum(jnp.where(inside, jnp.square(x[:, None] - x[np.maximum(found.neighbors, 0)]).sum(axis=-1), 0.0))
+
+    np.testing.assert_allclose(jax.grad(through_search)(xyz), jax.grad(direct)(xyz), rtol=1e-4, atol=1e-5)
+
+
 def test_gradient_is_finite_with_padding_and_duplicates():
     xyz = jnp.asarray(np.where(np.arange(SMALL)[:, None] < 5, np.nan, CLOUDS["duplicates"](SMALL)))
     mask = jnp.arange(SMALL) >= 5
@@ -209,6 +223,26 @@ def test_features_equal_the_reference(channels):
     # c sums of one rounding each: the bound grows with the number of channels.
     expected = reference.knn(features, K)
     assert_same(knn_features(jnp.asarray(features), k=K), expected, rtol=channels * 2e-7)
+
+
+@pytest.mark.parametrize("kind", ["heaps", "far from the origin", "one value"])
+def test_features_that_a_product_cannot_tell_apart(kind):
+    """Heaps of near points far from each other, where the rounding of |x|^2 - 2xy + |y|^2 exceeds the distances."""
+    features = rng().normal(size=(SMALL, 16))
+    if kind == "heaps":
+        features = features * 1e-3 + 100.0 * (np.arange(SMALL) % 3)[:, None]
+    if kind == "far from the origin":
+        features = features + 1e4
+    if kind == "one value":
+        features = np.ones_like(features)
+    features = features.astype(np.float32)
+    assert_same(knn_features(jnp.asarray(features), k=K), reference.knn(features, K), rtol=16 * 2e-7)
+
+
+def test_as_many_neighbours_as_are_allowed():
+    xyz = surface(LARGE)
+    distance, _ = cKDTree(xyz.astype(np.float64)).query(xyz.astype(np.float64), 129)
+    np.testing.assert_allclose(np.sqrt(knn(jnp.asarray(xyz), k=128).sq_dist), distance[:, 1:], rtol=1e-6)
 
 
 @pytest.mark.parametrize("name", ["volume", "ties", "duplicates", "uneven"])

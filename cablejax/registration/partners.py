@@ -1,0 +1,91 @@
+"""Partners from a k-d tree on the host, asked again only for the points that have moved too far since.
+
+A point that moved by d since the tree was asked has its nearest neighbour among the k found then as long as the nearest of
+them is within (distance to the k-th) - d. Close to the solution hardly any point is asked for a second time.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.spatial import KDTree
+
+from cablejax.registration.loop import Carried
+
+CARRIED = 4  # nearest target points that each source point carries along
+FURTHER = 1.25  # reaches within which the tree looks: what lies beyond is not soon a partner
+FAR = 1e9  # stands for no point; its square is finite in float32
+LEAST_SIZE = 512
+
+
+class Oriented(NamedTuple):
+    """Points `[n, 3]` with unit normals of either sign `[n, 3]`."""
+
+    xyz: Float[np.ndarray, "n 3"]
+    normals: Float[np.ndarray, "n 3"]
+
+
+def spacing_of(tree: KDTree, xyz: Float[np.ndarray, "n 3"]) -> float:
+    """Median distance to the nearest other point, of some two thousand."""
+    return float(np.median(tree.query(xyz[:: max(1, len(xyz) // 2000)], k=2)[0][:, 1]))
+
+
+def padded_size(n: int) -> int:
+    """The next of 512, 768, 1024, 1536, ...: few sizes, so that other clouds seldom compile anew."""
+    size = LEAST_SIZE
+    while size < n:
+        if size * 3 // 2 >= n:
+            return size * 3 // 2
+        size *= 2
+    return size
+
+
+class Partners:
+    """What the source points carry along, and the tree to ask again.
+
+    Points are in units of order one about an origin; the tree is in the caller's, which `scale` (origin, length) undoes.
+    """
+
+    def __init__(
+        self,
+        source: Oriented,
+        target: Oriented,
+        tree: KDTree,
+        *,
+        reach: float,
+        scale: tuple[np.ndarray, float],
+        capacity: int,
+    ) -> None:
+        n, self._source, self._tree, self._reach = len(source.xyz), source.xyz, tree, reach
+        self._origin, self._size = scale
+        nowhere = np.array([[FAR, FAR, FAR, 0, 0, 0]])  # what the tree's row m, for no point, stands for
+        self._table = np.concatenate([np.concatenate(target, axis=1), nowhere]).astype(np.float32)
+        size = padded_size(max(n, capacity))
+        both = np.zeros((6, size), np.float32)
+        both[:3, :n], both[3:, :n] = source.xyz.T, source.normals.T
+        self._fixed = jnp.asarray(both[:3]), jnp.asarray(both[3:])
+        self._valid = jnp.asarray(np.arange(size) < n)
+        self._near = np.full((CARRIED, 6, size), FAR, np.float32)
+        self._asked = np.zeros((3, size), np.float32)
+        self._bound = np.full(size, np.inf, np.float32)
+
+    def ask(self, T: Float[np.ndarray, "4 4"], which: Bool[np.ndarray, " n"] | None) -> Carried:
+        """Ask the tree for the points of `which`, or all of them, at a motion."""
+        rows = slice(0, len(self._source)) if which is None else np.flatnonzero(which)
+        moved = self._source[rows] @ T[:3, :3].T + T[:3, 3]
+        far = FURTHER * self._reach * self._size
+        distance, near = self._tree.query(
+            self._origin + self._size * moved,
+            k=range(1, CARRIED + 1),
+            distance_upper_bound=far,
+            workers=-1 if len(moved) > 2000 else 1,
+        )
+        self._near[:, :, rows] = self._table[near].transpose(1, 2, 0)
+        self._asked[:, rows] = moved.T
+        whole = self._tree.n <= CARRIED
+        self._bound[rows] = np.inf if whole else np.minimum(distance[:, -1], far) * ((1 - 1e-6) / self._size)
+        return jax.device_put(
+            Carried(*self._fixed, self._near[:, :3], self._near[:, 3:], self._asked, self._bound, self._valid)
+        )
