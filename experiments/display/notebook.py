@@ -5,9 +5,9 @@ from pathlib import Path
 
 from cablejax.report import figure_style, png_bytes, scene_figure
 from experiments import ROOT
-from experiments.display.benchmark_sections import BENCHMARKS
 from experiments.display.drawing import Drawing
 from experiments.display.filtering_figures import scan_clouds, scan_views
+from experiments.display.further_sections import FURTHER
 from experiments.display.sections import SECTIONS, Section
 from experiments.display.table import Table
 from experiments.results import Results
@@ -21,7 +21,7 @@ def section(title: str) -> Section:
     Raises:
         ValueError: If there is none of that title.
     """
-    found = {each.title: each for each in (*SECTIONS, *BENCHMARKS)}
+    found = {each.title: each for each in (*SECTIONS, *FURTHER)}
     if title not in found:
         raise ValueError(f"title: expected one of {', '.join(found)}, got {title!r}")
     return found[title]

@@ -49,7 +49,7 @@ def optimizers(results: Results) -> Table:
         rows,
         f"Test accuracy at the epoch best on validation; {classes} sizes, {results.config('dataset.n_points')} points a cloud, "
         f"{results.config('training.epochs')} epochs, {told(results)}. {fitted_beside(results)}"
-        f"The paper: {paper.ACCURACY_BEFORE} before, {paper.ACCURACY_AFTER} after choosing Adadelta, on data that is not published.",
+        f"The paper: {paper.ACCURACY_BEFORE} before, {paper.ACCURACY_AFTER} after Adadelta, on data that is not published.",
     )
 
 
