@@ -13,6 +13,7 @@ from experiments.display.table import Table
 from experiments.results import Results
 
 RESULTS = ROOT / "results"
+DOTS_PER_INCH = 110  # of a page; the PNG holds more, for sharp screens and print
 
 
 def section(title: str) -> Section:
@@ -49,16 +50,19 @@ def show(title: str, *, results: Path = RESULTS) -> None:
 
 def show_table(table: Table) -> None:
     """Display a table with its caption."""
-    from IPython.display import Markdown, display
+    from IPython.display import HTML, Markdown, display
 
-    display(Markdown(f"**{table.title}**\n\n{table.to_markdown()}\n\n{table.caption}"))
+    display(Markdown(f"**{table.title}**"))
+    display(HTML(table.to_html()))
+    display(Markdown(table.caption))
 
 
 def show_drawing(drawing: Drawing) -> None:
     """Display a figure as PNG with its caption and alternative text."""
     from IPython.display import Markdown, display
 
-    display({"image/png": png_bytes(drawing.figure), "text/plain": drawing.alt}, raw=True)
+    png = {"image/png": png_bytes(drawing.figure), "text/plain": drawing.alt}
+    display(png, metadata={"image/png": {"width": round(DOTS_PER_INCH * drawing.figure.get_figwidth())}}, raw=True)
     display(Markdown(f"*{drawing.caption}*"))
 
 
