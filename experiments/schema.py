@@ -131,9 +131,9 @@ class DatasetConfig:
 
     version: str = MISSING
     filtered: bool = False  # clouds go through outlier removal and the adaptive filter (order 2) first
-    sizes_mm2: list[float] = field(default_factory=lambda: [25, 50, 95, 150, 240, 400])
+    sizes_mm2: list[float] = field(default_factory=lambda: [25, 35, 50, 70, 95, 120, 150, 185, 240, 300, 400, 500, 630])
     n_points: int = 256
-    train_per_class: int = 64
+    train_per_class: int = 32
     validation_per_class: int = 24
     test_per_class: int = 48
     canonical_pose: bool = True
@@ -184,7 +184,7 @@ class TrainingConfig:
     """Budget and regularisation of a training run."""
 
     epochs: int = 10
-    batch_size: int = 32
+    batch_size: int = 24  # can be cut over 2, 3, 4, 6 or 8 devices
     schedule: str = "cosine"
     balanced: bool = True  # every batch holds about the same mix of classes
     ema_decay: float | None = None  # per update, of averaged weights; None evaluates the weights themselves
