@@ -143,6 +143,7 @@ def run(cfg: Config, folder: Path) -> dict[str, Any]:
                 "test_loss": test.loss,
                 "test_confusion": test.confusion.tolist(),
                 **baseline(split, clouds_of(cfg.dataset, 1).diameters_mm),
+                **({} if test.diameter is None else {f"test_{k}": v for k, v in test.diameter._asdict().items()}),
             }
     return metrics | {"labels_mm2": labels}
 

@@ -4,6 +4,7 @@ from cablejax.nets.adgcnn import ADGCNN
 from cablejax.nets.aedgeconv import AEdgeConv, ChannelAttention
 from cablejax.nets.baselines import DGCNN, VGG16, AlexNet, PointNet, PointNet2, ResNet50
 from cablejax.nets.depth import depth_image
+from cablejax.nets.diameter import SizeEstimate
 from cablejax.nets.enhancement import FeatureEnhancement
 from cablejax.nets.fusion import FeatureFusion
 from cablejax.nets.models import MODELS, build_model, count_parameters
@@ -24,6 +25,7 @@ __all__ = [
     "PointNet",
     "PointNet2",
     "ResNet50",
+    "SizeEstimate",
     "build_model",
     "count_parameters",
     "depth_image",

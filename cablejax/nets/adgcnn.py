@@ -8,6 +8,7 @@ from flax import nnx
 from jaxtyping import Array, Bool, Float
 
 from cablejax.nets.aedgeconv import AEdgeConv
+from cablejax.nets.diameter import DiameterHead, SizeEstimate
 from cablejax.nets.enhancement import FeatureEnhancement
 from cablejax.nets.fusion import FeatureFusion
 from cablejax.nets.head import Classifier, PooledLayer
@@ -39,6 +40,8 @@ class ADGCNN(nnx.Module):
         shared_width: Channels of the shared layer before pooling.
         head: Channels of the classifier's hidden layers.
         dropout: Rate in the classifier; the paper has none.
+        regression: A second head for the diameter in mm with its standard deviation, see `with_diameter`; the paper has
+            none. Training then adds its Gaussian negative log-likelihood to the loss.
     """
 
     def __init__(
@@ -58,6 +61,7 @@ class ADGCNN(nnx.Module):
         shared_width: int = 512,
         head: Sequence[int] = (256, 128),
         dropout: float = 0.0,
+        regression: bool = False,
         rngs: nnx.Rngs,
     ):
         if num_classes < 2:
@@ -87,6 +91,7 @@ class ADGCNN(nnx.Module):
         )
         self.shared = PooledLayer(sum(widths), shared_width, rngs=rngs)
         self.classifier = Classifier(2 * shared_width, tuple(head), num_classes, dropout=dropout, rngs=rngs)
+        self.diameter = DiameterHead((2 * shared_width, *head)[-1], rngs=rngs) if regression else None
 
     def __call__(self, xyz: Float[Array, "b n 3"], mask: Bool[Array, "b n"]) -> Float[Array, "b classes"]:
         """Logits `[b, C]` of clouds in mm; rows where `mask` is False change nothing."""
@@ -94,6 +99,23 @@ class ADGCNN(nnx.Module):
 
     def classify(self, posed: PosedClouds, mask: Bool[Array, "b n"]) -> Float[Array, "b classes"]:
         """Logits `[b, C]` of clouds that are posed already."""
+        return self.classifier(self.pooled(posed, mask))
+
+    def with_diameter(self, xyz: Float[Array, "b n 3"], mask: Bool[Array, "b n"]) -> SizeEstimate:
+        """Logits, and the diameter in mm with its standard deviation.
+
+        Raises:
+            ValueError: If the network was built without `regression`.
+        """
+        if self.diameter is None:
+            raise ValueError("with_diameter: expected a network built with regression=True, got one without")
+        hidden = self.classifier.last_hidden(
+            self.pooled(pose_clouds(xyz, mask, pose=self.pose, scale_mm=self.scale_mm), mask)
+        )
+        return SizeEstimate(self.classifier.logits(hidden), *self.diameter(hidden))
+
+    def pooled(self, posed: PosedClouds, mask: Bool[Array, "b n"]) -> Float[Array, "b d"]:
+        """The feature of each whole cloud `[b, 2 * shared_width]`."""
         x, maps = posed.features, []
         for layer in self.layers:
             x = layer(x, mask)
@@ -101,7 +123,7 @@ class ADGCNN(nnx.Module):
         joined = jnp.concatenate(maps, axis=-1)
         if self.raster is not None:
             joined = joined + self._unrolled(maps, posed, mask)
-        return self.classifier(self.shared(joined, mask))
+        return self.shared(joined, mask)
 
     def _unrolled(self, maps: list[Array], posed: PosedClouds, mask: Array) -> Float[Array, "b n d"]:
         """The share of the raster stage in the points' features."""

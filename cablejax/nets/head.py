@@ -103,7 +103,11 @@ class Classifier(nnx.Module):
 
     def __call__(self, x: Float[Array, "b c"]) -> Float[Array, "b classes"]:
         """Logits `[b, C]`."""
+        return self.logits(self.last_hidden(x))
+
+    def last_hidden(self, x: Float[Array, "b c"]) -> Float[Array, "b d"]:
+        """The last hidden layer's output, of which the logits are linear functions."""
         for linear, norm in zip(self.hidden, self.norms, strict=True):
             x = jax.nn.leaky_relu(norm(linear(x)), self.negative_slope)
             x = x if self.dropout is None else self.dropout(x)
-        return self.logits(x)
+        return x

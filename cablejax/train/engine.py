@@ -13,7 +13,7 @@ from jaxtyping import Array
 from cablejax.train.batches import Plan, epoch_rows
 from cablejax.train.config import TrainConfig
 from cablejax.train.history import EpochRecord
-from cablejax.train.metrics import Clouds, Metrics, predict, score
+from cablejax.train.metrics import Clouds, Metrics, arrays_of, has_regression, predict, score_all
 from cablejax.train.optimizers import OPTIMIZERS, make_optimizer
 from cablejax.train.placement import Placement
 from cablejax.train.step import Data, Schedule, StepReport, TrainState, make_runner, rate_at
@@ -56,6 +56,7 @@ class Engine:
         self.schedule = Schedule(*map(np.float32, numbers))  # pyright: ignore[reportArgumentType]
         own = nnx.merge(*nnx.split(model), copy=True)
         own.train()
+        self.regression = has_regression(own)
         self.graphdef, self._params, self._rest = nnx.split(own, nnx.Param, ...)
         own.eval()
         self.eval_graphdef = nnx.split(own, nnx.Param, ...)[0]
@@ -71,7 +72,7 @@ class Engine:
 
     def put(self, clouds: Clouds) -> Data:
         """The arrays of labelled clouds on the devices."""
-        return self.placement.replicate(tuple(np.asarray(each) for each in (clouds.xyz, clouds.mask, clouds.label)))
+        return self.placement.replicate(tuple(arrays_of(clouds, diameters=self.regression)))
 
     def train_epoch(
         self, state: TrainState, data: Data, epoch: int, *, on_batches: Callable[[int], object] = lambda done: None
@@ -80,7 +81,7 @@ class Engine:
 
         Args:
             state: Donated.
-            data: `(xyz, mask, label)` on the device.
+            data: From `put`.
             epoch: Counted from 0.
             on_batches: Called with the number of batches just done.
 
@@ -121,8 +122,7 @@ class Engine:
     def evaluate(self, state: TrainState, split: Clouds) -> Metrics:
         """Metrics of the current weights on a split, in evaluation mode."""
         merged = nnx.merge_state(*self.placement.local(self.weights(state)))
-        logits = predict(self.eval_graphdef, merged, split, batch_size=self.config.eval_batch_size)
-        return score(logits, np.asarray(split.label))
+        return score_all(predict(self.eval_graphdef, merged, split, batch_size=self.config.eval_batch_size), split)
 
     def model(self, weights: tuple[Any, Any]) -> nnx.Module:
         """A model of its own in evaluation mode."""

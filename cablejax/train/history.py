@@ -20,6 +20,8 @@ class EpochRecord:
         learning_rate: Of the last update.
         grad_norm: Mean global norm of the batches' gradients.
         seconds: Training time of the epoch; compilation and validation not counted.
+        validation_rmse_mm: Of a regression head, see `DiameterMetrics`; None without.
+        validation_coverage: Likewise.
     """
 
     epoch: int
@@ -31,6 +33,8 @@ class EpochRecord:
     learning_rate: float
     grad_norm: float
     seconds: float
+    validation_rmse_mm: float | None = None
+    validation_coverage: float | None = None
 
     def with_validation(self, metrics: Metrics) -> "EpochRecord":
         """The record with an evaluation's figures."""
@@ -39,6 +43,8 @@ class EpochRecord:
             validation_loss=metrics.loss,
             validation_overall=metrics.overall,
             validation_class_average=metrics.class_average,
+            validation_rmse_mm=None if metrics.diameter is None else metrics.diameter.rmse_mm,
+            validation_coverage=None if metrics.diameter is None else metrics.diameter.coverage,
         )
 
     def scalars(self) -> dict[str, float]:
@@ -52,6 +58,8 @@ class EpochRecord:
             "validation/loss": self.validation_loss,
             "validation/overall": self.validation_overall,
             "validation/class_average": self.validation_class_average,
+            "validation/rmse_mm": self.validation_rmse_mm,
+            "validation/coverage": self.validation_coverage,
         }
         return {name: value for name, value in named.items() if value is not None}
 

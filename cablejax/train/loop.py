@@ -80,7 +80,11 @@ def fit(
     first = train(0) if callable(train) else train
     plan = make_plan(len(first.label), config)
     engine = Engine(model, config, plan, Placement(devices))
-    run = None if folder is None else RunFolder(folder, config, data_checksum(first, validation))
+    run = (
+        None
+        if folder is None
+        else RunFolder(folder, config, data_checksum(first, validation, diameters=engine.regression))
+    )
     state, best, history = _start(engine, run)
     data = engine.put(first)
     bar = tqdm(

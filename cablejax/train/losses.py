@@ -1,4 +1,4 @@
-"""The training loss."""
+"""The training losses."""
 
 import jax
 import jax.numpy as jnp
@@ -22,3 +22,18 @@ def cross_entropy(
     log_p = jax.nn.log_softmax(logits, axis=-1)
     own = jnp.take_along_axis(log_p, labels[..., None], axis=-1)[..., 0]
     return -(1.0 - label_smoothing) * own - label_smoothing * jnp.mean(log_p, axis=-1)
+
+
+def gaussian_nll(mean: Float[Array, "*b"], std: Float[Array, "*b"], target: Float[Array, "*b"]) -> Float[Array, "*b"]:
+    """Negative log-likelihood of each target under its own Gaussian, without the constant `log(2 pi) / 2`.
+
+    Args:
+        mean: `[...]`.
+        std: Standard deviations `[...]`, above 0, in the same unit.
+        target: What was to be told `[...]`.
+
+    Example:
+        >>> float(gaussian_nll(jnp.array(1.0), jnp.array(1.0), jnp.array(3.0)))
+        2.0
+    """
+    return jnp.log(std) + 0.5 * ((target - mean) / std) ** 2

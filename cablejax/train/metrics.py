@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from flax import nnx
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Int
 
 from cablejax.train.losses import cross_entropy
 
@@ -30,6 +30,19 @@ class Clouds(Protocol):
     def label(self) -> Array | np.ndarray: ...
 
 
+class DiameterMetrics(NamedTuple):
+    """How well a regression head tells the diameter.
+
+    Attributes:
+        rmse_mm: Root mean square error.
+        coverage: Share of clouds whose true diameter lies within 1.96 of the standard deviations that the head gives; .95
+            where these are right.
+    """
+
+    rmse_mm: float
+    coverage: float
+
+
 class Metrics(NamedTuple):
     """What an evaluation found.
 
@@ -38,12 +51,14 @@ class Metrics(NamedTuple):
         class_average: Mean over the classes present of that share within the class, equation (21).
         loss: Mean cross-entropy, nats.
         confusion: Counts `[C, C]`, rows the true class, columns the predicted one.
+        diameter: Of a network with a regression head, else None.
     """
 
     overall: float
     class_average: float
     loss: float
     confusion: np.ndarray
+    diameter: DiameterMetrics | None = None
 
 
 def confusion_matrix(labels: np.ndarray, predicted: np.ndarray, num_classes: int) -> np.ndarray:
@@ -87,7 +102,7 @@ def evaluate(model: nnx.Module, split: Clouds, *, batch_size: int = 32) -> Metri
         ValueError: If the split is empty or a label is not a class of the model.
     """
     graphdef, state = nnx.split(eval_copy(model))
-    return score(predict(graphdef, state, split, batch_size=batch_size), np.asarray(split.label))
+    return score_all(predict(graphdef, state, split, batch_size=batch_size), split)
 
 
 def eval_copy(model: nnx.Module) -> nnx.Module:
@@ -97,15 +112,59 @@ def eval_copy(model: nnx.Module) -> nnx.Module:
     return other
 
 
-def predict(graphdef: Any, state: Any, split: Clouds, *, batch_size: int) -> np.ndarray:
-    """Logits `[N, C]` of a split, from a model split by `nnx.split`."""
+def has_regression(model: nnx.Module) -> bool:
+    """Whether a network tells the diameter too, by `with_diameter`."""
+    return getattr(model, "diameter", None) is not None
+
+
+def diameters_of(split: Clouds) -> np.ndarray:
+    """True outer diameters in mm `[N]`.
+
+    Raises:
+        ValueError: If the split does not know them.
+    """
+    if not hasattr(split, "diameter_mm"):
+        raise ValueError(
+            "split: expected clouds with diameter_mm, which a network with a regression head learns; got none"
+        )
+    return np.asarray(split.diameter_mm, np.float32)  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def arrays_of(split: Clouds, *, diameters: bool) -> list[np.ndarray]:
+    """What training takes of a split: points, masks, classes, and for a regression head the diameters."""
+    arrays = [np.asarray(each) for each in (split.xyz, split.mask, split.label)]
+    return [*arrays, diameters_of(split)] if diameters else arrays
+
+
+def predict(graphdef: Any, state: Any, split: Clouds, *, batch_size: int) -> tuple[np.ndarray, ...]:
+    """Logits `[N, C]` of a split, from a model split by `nnx.split`; with a regression head also `SizeEstimate`'s rest."""
     total = len(split.xyz)
     if total == 0:
         raise ValueError("split: expected at least one cloud, got none")
     batch_size = min(batch_size, total)
     batches = -(-total // batch_size)
     rows = np.minimum(np.arange(batches * batch_size), total - 1).reshape(batches, batch_size)
-    return np.asarray(_logits(graphdef, state, jnp.asarray(split.xyz), jnp.asarray(split.mask), rows))[:total]
+    found = _outputs(graphdef, state, jnp.asarray(split.xyz), jnp.asarray(split.mask), rows)
+    return tuple(np.asarray(each)[:total] for each in found)
+
+
+def score_all(outputs: tuple[np.ndarray, ...], split: Clouds) -> Metrics:
+    """Metrics of `predict`'s outputs against a split."""
+    metrics = score(outputs[0], np.asarray(split.label))
+    return (
+        metrics if len(outputs) == 1 else metrics._replace(diameter=diameter_score(*outputs[1:], diameters_of(split)))
+    )
+
+
+def diameter_score(mean: np.ndarray, std: np.ndarray, truth: np.ndarray) -> DiameterMetrics:
+    """Error and coverage of diameters `[N]`.
+
+    Example:
+        >>> diameter_score(np.array([30.0, 40.0]), np.array([0.1, 0.1]), np.array([30.1, 40.7]))
+        DiameterMetrics(rmse_mm=0.5, coverage=0.5)
+    """
+    error = np.asarray(mean, np.float64) - truth
+    return DiameterMetrics(round(float(np.sqrt(np.mean(error**2))), 9), float(np.mean(np.abs(error) <= 1.96 * std)))
 
 
 def score(logits: np.ndarray, labels: np.ndarray) -> Metrics:
@@ -123,12 +182,13 @@ def score(logits: np.ndarray, labels: np.ndarray) -> Metrics:
 
 
 @partial(jax.jit, static_argnums=0)
-def _logits(graphdef: Any, state: Any, xyz: Array, mask: Array, rows: Int[Array, "s b"]) -> Float[Array, "s*b classes"]:
-    """Logits of the clouds `rows`, batch after batch."""
+def _outputs(graphdef: Any, state: Any, xyz: Array, mask: Array, rows: Int[Array, "s b"]) -> tuple[Array, ...]:
+    """Logits `[s * b, C]` of the clouds `rows`, batch after batch; with a regression head diameters and deviations too."""
 
-    def one(row: Int[Array, " b"]) -> Float[Array, "b classes"]:
+    def one(row: Int[Array, " b"]) -> tuple[Array, ...]:
         model = nnx.merge(graphdef, state, copy=True)
-        return model(xyz[row], mask[row])
+        call = model.with_diameter if has_regression(model) else model
+        found = call(xyz[row], mask[row])
+        return tuple(found) if has_regression(model) else (found,)
 
-    logits = jax.lax.map(one, rows)
-    return logits.reshape(-1, logits.shape[-1])
+    return jax.tree.map(lambda each: each.reshape(-1, *each.shape[2:]), jax.lax.map(one, rows))

@@ -11,14 +11,14 @@ import numpy as np
 
 from cablejax.io.checkpoints import restore_checkpoint, save_checkpoint
 from cablejax.train.config import TrainConfig
-from cablejax.train.metrics import Clouds
+from cablejax.train.metrics import Clouds, arrays_of
 
 
-def data_checksum(*splits: Clouds | None) -> str:
-    """SHA-256 over the arrays of the splits, shapes included."""
+def data_checksum(*splits: Clouds | None, diameters: bool = False) -> str:
+    """SHA-256 over the arrays of the splits, shapes included; the diameters count where a network learns them."""
     digest = hashlib.sha256()
     for split in splits:
-        for array in () if split is None else (split.xyz, split.mask, split.label):
+        for array in () if split is None else arrays_of(split, diameters=diameters):
             host = np.ascontiguousarray(array)
             digest.update(f"{host.dtype.str}{host.shape}".encode())
             digest.update(host.data)

@@ -10,7 +10,7 @@ from flax import nnx
 from jaxtyping import Array, Float, Int
 
 from cablejax.train.config import MATMUL_PRECISION, TrainConfig
-from cablejax.train.losses import cross_entropy
+from cablejax.train.losses import cross_entropy, gaussian_nll
 from cablejax.train.transfer import frozen_updates
 
 
@@ -60,7 +60,7 @@ class Schedule(NamedTuple):
     total: Float[Array, ""]
 
 
-Data = tuple[Array, Array, Array]
+Data = tuple[Array, ...]  # xyz, mask, label, and for a regression head the diameters in mm
 Runner = Callable[[TrainState, Data, Int[Array, "s b"], Schedule], tuple[TrainState, StepReport]]
 
 
@@ -86,10 +86,16 @@ def make_runner(
         full_set: One update with the mean gradient over all the batches, instead of one a batch.
     """
 
-    def loss_of(params: Any, rest: Any, xyz: Array, mask: Array, label: Array) -> tuple[Array, tuple[Any, Array]]:
+    def loss_of(
+        params: Any, rest: Any, xyz: Array, mask: Array, label: Array, diameter_mm: Array | None = None
+    ) -> tuple[Array, tuple[Any, Array]]:
         model = nnx.merge(graphdef, params, rest, copy=True)
-        logits = model(xyz, mask)
-        loss = jnp.mean(cross_entropy(logits, label, label_smoothing=config.label_smoothing))
+        if diameter_mm is None:
+            logits, off = model(xyz, mask), 0.0
+        else:
+            logits, mean, std = model.with_diameter(xyz, mask)
+            off = jnp.mean(gaussian_nll(mean, std, diameter_mm))
+        loss = jnp.mean(cross_entropy(logits, label, label_smoothing=config.label_smoothing)) + off
         correct = jnp.sum(jnp.argmax(logits, axis=-1) == label, dtype=jnp.int32)
         return loss, (nnx.split(model, nnx.Param, ...)[2], correct)
 
