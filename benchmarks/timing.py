@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+PAUSE_S = 0.25  # threads of the contender before go on spinning for work for up to 0.2 s
+
 
 def open3d_module() -> ModuleType:
     """Open3D, with the libusb that its wheel needs and a bare machine lacks."""
@@ -65,6 +67,7 @@ def alternate(
     seconds: dict[str, list[float]] = {name: [] for name in runs}
     for _ in range(config["rounds"]):
         for name, run in runs.items():
+            time.sleep(PAUSE_S)
             start = time.perf_counter()
             run()
             seconds[name].append(time.perf_counter() - start)
