@@ -50,7 +50,7 @@ def alternate(
     config: Mapping[str, Any],
     path: Path | None,
 ) -> dict[str, Any]:
-    """Run all contenders in turn, `config["rounds"]` times, and report medians beside the first call's compile time.
+    """Run all contenders twice in turn, `config["rounds"]` times, and report medians of the second calls beside the first call's compile time.
 
     Args:
         title: What is measured.
@@ -65,6 +65,7 @@ def alternate(
     seconds: dict[str, list[float]] = {name: [] for name in runs}
     for _ in range(config["rounds"]):
         for name, run in runs.items():
+            run()  # not timed: another contender's threads may still spin, and its data fill the caches
             start = time.perf_counter()
             run()
             seconds[name].append(time.perf_counter() - start)
