@@ -64,15 +64,28 @@ check: lint test ## Everything that must pass before a commit
 # One target per table and figure: the sweep, then its results file. SEEDS="range(10)" for more seeds than the file says.
 OWN := table1_filtering table2_3_deviation diameter robustness
 TRAINED := fig5_alexnet fig6_vgg16 fig7_resnet50 fig8_adgcnn fig13_optimizers optimizer_search optimizer_study ablation
-EXPERIMENTS := $(OWN) $(TRAINED)
+WITH_DATA := fig13_transfer
+EXPERIMENTS := $(OWN) $(TRAINED) $(WITH_DATA)
 $(OWN): MODULE = $@
-$(TRAINED): MODULE = train
+$(TRAINED) $(WITH_DATA): MODULE = train
 $(EXPERIMENTS): $(VENV)/.run-stamp
 	@$(BIN)/python -m experiments.$(MODULE) -m experiment=$@ size=$(SIZE) $(if $(SEEDS),"seed=$(SEEDS)")
 	@$(BIN)/python -m experiments.collect $@ --size $(SIZE)
 .PHONY: $(EXPERIMENTS)
 
-results: $(EXPERIMENTS) figures ## Make the committed results anew (clean checkout; SIZE=paper for the long form)
+# Transfer starts from a network trained on ModelNet10, which CABLEJAX_DATA must hold.
+fig13_transfer: pretrain
+pretrain: $(VENV)/.run-stamp ## Train on ModelNet10 ($CABLEJAX_DATA), for fig13_transfer to start from
+	@$(BIN)/python -m experiments.pretrain size=$(SIZE)
+
+real_scans: $(VENV)/.run-stamp ## Measure the real scans of $CABLEJAX_DATA
+	@$(BIN)/python -m experiments.real_scans
+
+attention: $(VENV)/.run-stamp ## Channel attention of a trained network: RUN=folder of a finished run of fig8_adgcnn
+	@$(BIN)/python -m experiments.attention "$(RUN)"
+.PHONY: pretrain real_scans attention
+
+results: $(OWN) $(TRAINED) figures ## Make the committed results anew (clean checkout; SIZE=paper for the long form)
 
 reproduce: results ## Everything from nothing: results, figures, README, notebooks and report; SIZE=quick or paper
 	@$(MAKE) --no-print-directory notebooks report

@@ -126,10 +126,11 @@ def presets() -> Figure:
         for flag, color in ((False, "#3b6ea5"), (True, "#c43c39")):
             bottom.scatter(angle[mixed == flag], distance[mixed == flag], s=2, c=color, linewidths=0)
         bottom.set(xlim=(-180, 180), ylim=(-6, 6) if name == "terrestrial" else (-1.5, 1.5), xticks=(-180, 0, 180))
-        bottom.set_title(f"std {distance[~mixed].std():.3f} mm without mixed pixels", fontsize=8)
+        bottom.set_title(f"std {distance[~mixed].std():.3f} mm", fontsize=8)
+        bottom.set_xlabel("angle, degrees", fontsize=8)
         bottom.tick_params(labelsize=7)
     axes[0, 0].set_ylabel("section, mm", fontsize=8)
-    axes[1, 0].set_ylabel("deviation in mm by angle in degrees", fontsize=8)
+    axes[1, 0].set_ylabel("deviation from the surface, mm", fontsize=8)
     return figure
 
 

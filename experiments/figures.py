@@ -8,8 +8,8 @@ from pathlib import Path
 
 from cablejax.io import atomic_write
 from cablejax.report import figure_style, png_bytes
-from experiments.display.benchmark_sections import BENCHMARKS
 from experiments.display.drawing import Drawing
+from experiments.display.further_sections import FURTHER
 from experiments.display.sections import SECTIONS, all_figures
 
 
@@ -17,7 +17,7 @@ def write_figures(folder: Path, out: Path) -> list[Path]:
     """Draw each figure that a results folder allows and write it as `<out>/<name>.png`."""
     out.mkdir(parents=True, exist_ok=True)
     with figure_style():
-        return [_write(drawing, out) for drawing in all_figures(folder, SECTIONS + BENCHMARKS)]
+        return [_write(drawing, out) for drawing in all_figures(folder, SECTIONS + FURTHER)]
 
 
 def _write(drawing: Drawing, out: Path) -> Path:

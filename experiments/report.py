@@ -8,8 +8,8 @@ from pathlib import Path
 
 from cablejax.io import atomic_write
 from cablejax.report import Page, figure_style, point_scene
-from experiments.display.benchmark_sections import BENCHMARKS
 from experiments.display.filtering_figures import scan_clouds
+from experiments.display.further_sections import FURTHER
 from experiments.display.sections import SECTIONS, Section
 from experiments.display.verdicts import verdict_table
 from experiments.results import Results
@@ -35,7 +35,7 @@ def build(folder: Path) -> Page:
         if found:
             everything |= found
             _add_section(page, section, found)
-    for section in BENCHMARKS:
+    for section in FURTHER:
         found = section.read(folder)
         if found:
             _add_section(page, section, found)

@@ -4,6 +4,7 @@ Each dataclass checks its own values when it is built, so that a wrong value sto
 """
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from hydra.core.config_store import ConfigStore
@@ -215,6 +216,7 @@ class Config:
     rates: str = "stated"
     trial: int = 0
     variant: str = "full"
+    transfer: str = "none"
     out: str = "runs"
     tolerance_mm: float = 0.1
     timing_repeats: int = 3
@@ -266,9 +268,23 @@ def from_flat(flat: dict[str, Any]) -> Config:
     return Config(**nested)
 
 
+def pretrained(out: str, size: str) -> str:
+    """The folder of the newest finished run of experiments.pretrain of a size.
+
+    Raises:
+        ValueError: If there is none.
+    """
+    runs = sorted(Path(out, "pretrain", size).glob("*/run.json"), key=lambda path: path.stat().st_mtime)
+    if not runs:
+        raise ValueError(f"transfer=modelnet10: expected a run below {out}/pretrain/{size}; "
+                         f"run `python -m experiments.pretrain size={size}` first")  # fmt: skip
+    return str(runs[-1].parent)
+
+
 def register() -> None:
-    """Make the schema, and the resolvers of learning rates, known to Hydra under the names that conf/ uses."""
+    """Make the schema, and the resolvers of conf/, known to Hydra under the names that conf/ uses."""
     OmegaConf.register_new_resolver("is_paper", lambda size: size == "paper", replace=True)
+    OmegaConf.register_new_resolver("pretrained", pretrained, replace=True)
     OmegaConf.register_new_resolver("trial_rate", tuning.trial_rate, replace=True)
     OmegaConf.register_new_resolver("tuned_rate", tuning.tuned_rate, replace=True)
     store = ConfigStore.instance()

@@ -1,6 +1,7 @@
 """The written formats: each takes points piece by piece and completes its header at the end."""
 
 import contextlib
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from typing import BinaryIO
 
@@ -15,7 +16,7 @@ COUNT_DIGITS = 20
 FLOAT32_STEP = 1e-5
 
 
-class RecordSink:
+class RecordSink(ABC):
     """Binary records behind a header that states their number: what PLY and PCD share."""
 
     def __init__(self, file: BinaryIO, first: RawCloud):
@@ -24,13 +25,13 @@ class RecordSink:
         self.n = 0
         file.write(self.header(0))
 
+    @abstractmethod
     def record(self, first: RawCloud) -> list[tuple[str, str]]:
         """Names and NumPy types of a record's fields."""
-        raise NotImplementedError
 
+    @abstractmethod
     def header(self, n: int) -> bytes:
         """The header for n points; its length does not depend on n."""
-        raise NotImplementedError
 
     def color_columns(self, color: np.ndarray) -> np.ndarray:
         """The colour fields, one a row."""

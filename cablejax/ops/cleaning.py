@@ -85,8 +85,11 @@ def clean(
     found = knn(cloud.xyz, k=max(removal_k - 1, k), mask=cloud.mask)
     keep = statistical_outliers(cloud, k=removal_k, std_ratio=std_ratio, found=found).keep
     near = found._replace(neighbors=found.neighbors[:, :k], sq_dist=found.sq_dist[:, :k])
+    # What is passed on becomes a traced value, constants too: a 0 that spares its stage has to be left out.
+    stages = {"gamma": gamma, "crowding": crowding}
+    stages = {name: value for name, value in stages.items() if not (isinstance(value, int | float) and value == 0)}
     smooth = adaptive_filter(
-        PointCloud(cloud.xyz, keep), k=k, alpha=alpha, beta=beta, gamma=gamma, tau=tau, order=order, form=form,
-        iterations=iterations, refinements=refinements, crowding=crowding, found=near,
+        PointCloud(cloud.xyz, keep), k=k, alpha=alpha, beta=beta, tau=tau, order=order, form=form,
+        iterations=iterations, refinements=refinements, found=near, **stages,
     )  # fmt: skip
     return CleanResult(smooth.xyz, keep, smooth.width, smooth.status)

@@ -115,7 +115,10 @@ def _sorted_places(points: Float[Array, "3 nodes m"], valid: Bool[Array, "nodes 
     cell = jnp.clip((along - start[:, None]) * scale[:, None], 0, top).astype(jnp.uint32)
     cell = jnp.where(valid, jnp.minimum(cell, jnp.uint32(top)), jnp.uint32(top + 1))
     packed = (cell << place_bits) | jnp.arange(m, dtype=jnp.uint32)[None, :]
-    place = (lax.sort(packed, dimension=1) & jnp.uint32(2**place_bits - 1)).astype(jnp.int32)
+    # XLA sorts in one thread, but two sorts that do not wait for each other at once.
+    parts = jnp.split(packed, 2) if nodes % 2 == 0 else [packed]
+    ordered = jnp.concatenate([lax.sort(part, dimension=1) for part in parts])
+    place = (ordered & jnp.uint32(2**place_bits - 1)).astype(jnp.int32)
     return (place + jnp.arange(nodes, dtype=jnp.int32)[:, None] * m).reshape(-1)
 
 

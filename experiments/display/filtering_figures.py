@@ -48,31 +48,23 @@ def removal(results: Results) -> Drawing:
     ax: Axes = figure.subplots()
     noises = results.values("noise.kind")
     names = [name for name in paper.TABLE_1 if name in results.values("filter.name")]
-    width = 0.8 / len(names)
-    for i, (name, hatch) in enumerate(zip(names, ("", "//", "..", "xx"), strict=False)):
+    for i, (name, marker) in enumerate(zip(names, ("o", "s", "^", "D"), strict=False)):
         values = [results.mean("f1", filter__name=name, noise__kind=noise) for noise in noises]
         spread = [0.0 if np.isnan(v.half_width) else v.half_width for v in values]
-        at = np.arange(len(noises)) + (i - (len(names) - 1) / 2) * width
-        ax.bar(
-            at,
-            [v.mean for v in values],
-            width,
-            yerr=spread,
-            label=NAMES[name],
-            color=COLORS[i],
-            hatch=hatch,
-            ec="white",
-        )
+        at = np.arange(len(noises)) + 0.12 * (i - (len(names) - 1) / 2)
+        ax.errorbar(at, [v.mean for v in values], spread, fmt=marker, ms=5, capsize=3, lw=1.2, color=COLORS[i],
+                    label=NAMES[name])  # fmt: skip
     ax.set_xticks(range(len(noises)), [f"{NAMES[noise]} noise" for noise in noises])
-    ax.set_ylim(0, 1.02)
+    ax.set_xlim(-0.5, len(noises) - 0.5)
     ax.set_ylabel("F1 of removal (1 is best)")
     ax.grid(visible=False, axis="x")
     figure.legend(loc="outside lower center", ncols=4)
     return Drawing(
         "removal",
         figure,
-        "F1 score of outlier removal for four filters and three kinds of noise.",
-        "Table 1 against the truth: F1 of removing the simulated outliers. Fewer points left is not better by itself.",
+        "F1 score of outlier removal for four filters and three kinds of noise, with 95 % intervals.",
+        "Table 1 against the truth: F1 of removing the simulated outliers, mean over seeds with its 95 % interval. The axis "
+        "does not begin at 0. Fewer points left is not better by itself.",
     )
 
 

@@ -5,14 +5,15 @@ from pathlib import Path
 
 from cablejax.report import figure_style, png_bytes, scene_figure
 from experiments import ROOT
-from experiments.display.benchmark_sections import BENCHMARKS
 from experiments.display.drawing import Drawing
 from experiments.display.filtering_figures import scan_clouds, scan_views
+from experiments.display.further_sections import FURTHER
 from experiments.display.sections import SECTIONS, Section
 from experiments.display.table import Table
 from experiments.results import Results
 
 RESULTS = ROOT / "results"
+DOTS_PER_INCH = 110  # of a page; the PNG holds more, for sharp screens and print
 
 
 def section(title: str) -> Section:
@@ -21,7 +22,7 @@ def section(title: str) -> Section:
     Raises:
         ValueError: If there is none of that title.
     """
-    found = {each.title: each for each in (*SECTIONS, *BENCHMARKS)}
+    found = {each.title: each for each in (*SECTIONS, *FURTHER)}
     if title not in found:
         raise ValueError(f"title: expected one of {', '.join(found)}, got {title!r}")
     return found[title]
@@ -49,16 +50,19 @@ def show(title: str, *, results: Path = RESULTS) -> None:
 
 def show_table(table: Table) -> None:
     """Display a table with its caption."""
-    from IPython.display import Markdown, display
+    from IPython.display import HTML, Markdown, display
 
-    display(Markdown(f"**{table.title}**\n\n{table.to_markdown()}\n\n{table.caption}"))
+    display(Markdown(f"**{table.title}**"))
+    display(HTML(table.to_html()))
+    display(Markdown(table.caption))
 
 
 def show_drawing(drawing: Drawing) -> None:
     """Display a figure as PNG with its caption and alternative text."""
     from IPython.display import Markdown, display
 
-    display({"image/png": png_bytes(drawing.figure), "text/plain": drawing.alt}, raw=True)
+    png = {"image/png": png_bytes(drawing.figure), "text/plain": drawing.alt}
+    display(png, metadata={"image/png": {"width": round(DOTS_PER_INCH * drawing.figure.get_figwidth())}}, raw=True)
     display(Markdown(f"*{drawing.caption}*"))
 
 

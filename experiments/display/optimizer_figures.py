@@ -17,21 +17,23 @@ def optimizer_curves(results: Results) -> Drawing:
         rows = results.rows(optimizer__name=name)
         for ax, metric in ((left, "train_loss"), (right, "validation_overall")):
             curves = np.array([[epoch[metric] for epoch in row["history"]] for row in rows])
-            epochs = np.arange(1, curves.shape[1] + 1)
-            ax.plot(epochs, curves.mean(axis=0), label=NAMES[name], **style)
+            progress = 100 * np.arange(1, curves.shape[1] + 1) / curves.shape[1]
+            ax.plot(progress, curves.mean(axis=0), label=NAMES[name], **style)
             if len(curves) > 1:
-                ax.fill_between(epochs, curves.min(axis=0), curves.max(axis=0), color=style["color"], alpha=0.15, lw=0)
+                ax.fill_between(
+                    progress, curves.min(axis=0), curves.max(axis=0), color=style["color"], alpha=0.15, lw=0
+                )
     mark_paper(right, paper.ACCURACY_AFTER, f"paper, Adadelta {paper.ACCURACY_AFTER}")
-    left.set_ylabel("training loss (nats)")
-    right.set_ylabel("validation accuracy, eq 20")
+    left.set_title("(a) training loss (nats)", loc="left", fontsize=10)
+    right.set_title("(b) validation accuracy, eq 20", loc="left", fontsize=10)
     right.set_ylim(0, 1.05)
     for ax in (left, right):
-        ax.set_xlabel("epoch")
+        ax.set_xlabel("training progress (% of epochs)")
     figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return Drawing(
         "fig13_optimizers",
         figure,
-        "Training loss and validation accuracy against the epoch under each optimizer.",
+        "Training loss and validation accuracy against training progress under each optimizer.",
         "Figure 13: the same network, data and seed under five optimizers, each at one stated learning rate"
         + ("." if len(results.seeds) == 1 else "; bands run from the lowest to the highest seed."),
     )

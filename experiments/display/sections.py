@@ -12,6 +12,7 @@ from experiments.display import (
     network_tables,
     optimizer_figures,
     optimizer_tables,
+    transfer,
 )
 from experiments.display.drawing import Drawing
 from experiments.display.table import Table
@@ -89,10 +90,11 @@ SECTIONS = (
     ),
     Section(
         "Optimizers",
-        "A small ADGCNN on simulated cables, trained under Adadelta and four other optimizers at stated learning rates.",
-        ("fig13_optimizers",),
-        (of("fig13_optimizers", optimizer_tables.optimizers),),
-        (of("fig13_optimizers", optimizer_figures.optimizer_curves),),
+        "A small ADGCNN on simulated cables, trained under Adadelta and four other optimizers at stated learning rates, from "
+        "random weights and from weights trained on another set.",
+        ("fig13_optimizers", "fig13_transfer"),
+        (of("fig13_optimizers", optimizer_tables.optimizers), of("fig13_transfer", transfer.table)),
+        (of("fig13_optimizers", optimizer_figures.optimizer_curves), of("fig13_transfer", transfer.curves)),
     ),
     Section(
         "Optimizers, tuned alike",

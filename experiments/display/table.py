@@ -1,6 +1,7 @@
 """A table as text, ready for terminal, README and report."""
 
 from dataclasses import dataclass, field
+from html import escape
 
 from experiments.results import Results
 
@@ -51,6 +52,22 @@ class Table:
         header = [f"{group}: {name}" if group else name for group, name in zip(above, self.header, strict=True)]
         rule = ["---", *["---:" if self._numeric(i) else "---" for i in range(1, len(self.header))]]
         return "\n".join("| " + " | ".join(row) + " |" for row in [header, rule, *self.rows])
+
+    def to_html(self) -> str:
+        """A table for notebooks, with the groups' names over their columns."""
+        side = ["left", *["right" if self._numeric(i) else "left" for i in range(1, len(self.header))]]
+        above = "".join(
+            f'<th colspan="{span}" style="text-align: center">{escape(name)}</th>' for name, span in self.groups
+        )
+        lines = [f"<tr>{above}</tr>"] if self.groups else []
+        for tag, row in [("th", self.header), *(("td", row) for row in self.rows)]:
+            cells = zip(row, side, strict=True)
+            lines.append(
+                "<tr>"
+                + "".join(f'<{tag} style="text-align: {at}">{escape(cell)}</{tag}>' for cell, at in cells)
+                + "</tr>"
+            )
+        return "<table>\n" + "\n".join(lines) + "\n</table>"
 
     def _numeric(self, column: int) -> bool:
         """Whether a column holds short cells, which are set to the right; sentences are not."""

@@ -7,7 +7,7 @@ import pytest
 
 from cablejax.io import write_json
 from experiments import figures, readme, report
-from experiments.display import paper_tables, sections
+from experiments.display import network_tables, paper_tables, sections
 from experiments.display.table import Table
 from experiments.display.verdicts import CLAIMS, verdict_table
 
@@ -71,10 +71,15 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         results_file(out, name, {"model.name": model}, runs([({}, trained(0.6 + 0.1 * i, 1.0))]))
     optimizers = [({"optimizer.name": name, "optimizer.learning_rate": 0.1}, trained(0.8, 0.1)) for name in OPTIMIZERS]
     results_file(out, "fig13_optimizers", {}, runs(optimizers[:5]))
+    starts = [
+        ({**cell, "transfer": start}, m)
+        for (cell, m), start in itertools.product(optimizers[:5], ("none", "modelnet10"))
+    ]
+    results_file(out, "fig13_transfer", {}, runs(starts))
     results_file(out, "optimizer_search", {}, runs(optimizers))
     study = [({**cell, "rates": rates}, m) for (cell, m), rates in itertools.product(optimizers, ("tuned", "keras"))]
     results_file(out, "optimizer_study", {}, runs(study))
-    results_file(out, "ablation", {}, runs([({"variant": v}, trained(0.7, 1.0)) for v in ("full", "no_attention")]))
+    results_file(out, "ablation", {}, runs([({"variant": v}, trained(0.7, 1.0)) for v in network_tables.VARIANTS]))
     conditions = [
         {"kind": kind, "level": level, "network": 0.5, "fit": 0.4}
         for kind in ("noise_mm", "kept", "hole_mm", "arc_deg")

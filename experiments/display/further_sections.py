@@ -1,6 +1,7 @@
-"""The sections on kernels and on measuring, which read results/benchmarks beside results/."""
+"""Sections of files that no sweep made: benchmarks, real scans, the attention of one trained network."""
 
 from experiments.display import (
+    attention,
     benchmark_figures,
     benchmark_tables,
     measure_figures,
@@ -17,7 +18,14 @@ TIMED = (
     "benchmarks/simulate",
 )
 
-BENCHMARKS = (
+FURTHER = (
+    Section(
+        "Attention",
+        "The channel weights that a trained ADGCNN gives to three test cables, and the parts of the surface they favour.",
+        ("attention",),
+        (),
+        (of("attention", attention.surface),),
+    ),
     Section(
         "Speed",
         "Each kernel beside the library that people use for it, on the same data and in the same process.",
