@@ -41,6 +41,7 @@ def _surfaces(figure, axes, clouds: list[dict], layer: int) -> None:
     """One layer's column: a cable in each row, one colour scale."""
     values = np.concatenate([cloud["points"][layer] for cloud in clouds])
     low, high = np.percentile(values, [2, 98])
+    drawn = None
     for ax, cloud in zip(axes, clouds, strict=True):
         drawn = ax.scatter(
             cloud["along_mm"], cloud["angle_deg"], c=cloud["points"][layer], s=5, cmap="viridis", vmin=low, vmax=high
@@ -51,6 +52,7 @@ def _surfaces(figure, axes, clouds: list[dict], layer: int) -> None:
         if layer == 0:
             ax.set_ylabel(f"{cloud['size_mm2']:g} mm²\nangle (degrees)", fontsize=9)
     axes[-1].set_xlabel("along (mm)", fontsize=9)
+    assert drawn is not None
     bar = figure.colorbar(drawn, ax=list(axes), orientation="horizontal", aspect=14, pad=0.02)
     bar.ax.tick_params(labelsize=8)
     bar.ax.locator_params(nbins=3)
