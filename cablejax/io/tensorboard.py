@@ -98,16 +98,24 @@ class RunLogger:
     def mesh(
         self,
         name: str,
-        xyz: Num[Array | np.ndarray, "n 3"],
+        xyz: Num[Array | np.ndarray, "*b n 3"],
         step: int,
         *,
-        color: Num[Array | np.ndarray, "n 3"] | None = None,
+        color: Num[Array | np.ndarray, "*b n 3"] | None = None,
     ) -> None:
-        """Log a cloud `[n, 3]`, with colours `[n, 3]` in 0..255, as a rotatable mesh without faces."""
+        """Log a cloud `[n, 3]` or a batch `[b, n, 3]`, with colours likewise in 0..255, as rotatable meshes without faces.
+
+        Raises:
+            ValueError: If there are colours of another shape.
+        """
         from tensorboardX import summary
 
-        colors = None if color is None else np.asarray(color, np.uint8)[None]
-        self._write(step, summary=summary.mesh(name, np.asarray(xyz, np.float32)[None], colors, None))
+        points = np.asarray(xyz, np.float32)
+        if color is not None and np.shape(color) != points.shape:
+            raise ValueError(f"color: expected shape {points.shape}, that of xyz, got {np.shape(color)}")
+        batch = (1, *points.shape)[-3:]
+        colors = None if color is None else np.asarray(color, np.uint8).reshape(batch)
+        self._write(step, summary=summary.mesh(name, points.reshape(batch), colors, None))
 
     def flush(self) -> None:
         """Bring everything logged so far to the disk."""

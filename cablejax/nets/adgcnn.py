@@ -114,6 +114,15 @@ class ADGCNN(nnx.Module):
         )
         return SizeEstimate(self.classifier.logits(hidden), *self.diameter(hidden))
 
+    def attention_weights(self, xyz: Float[Array, "b n 3"], mask: Bool[Array, "b n"]) -> list[Float[Array, "b d"]]:
+        """The channel weights of each edge convolution for each cloud, `[b, d]` a layer; in evaluation mode."""
+        x = pose_clouds(xyz, mask, pose=self.pose, scale_mm=self.scale_mm).features
+        found = []
+        for layer in self.layers:
+            found.append(layer.channel_weights(x, mask))
+            x = layer(x, mask)
+        return found
+
     def pooled(self, posed: PosedClouds, mask: Bool[Array, "b n"]) -> Float[Array, "b d"]:
         """The feature of each whole cloud `[b, 2 * shared_width]`."""
         x, maps = posed.features, []

@@ -9,7 +9,7 @@ from jaxtyping import Array, Bool, Float
 
 from cablejax.nets.init import he_normal, lecun_normal
 from cablejax.nets.norm import BatchNorm
-from cablejax.ops.edges import AttentionWeights, aggregate_edges, edge_products, edge_statistics
+from cablejax.ops.edges import AttentionWeights, aggregate_edges, edge_attention, edge_products, edge_statistics
 from cablejax.ops.feature_graph import feature_graph
 
 
@@ -64,6 +64,21 @@ class AEdgeConv(nnx.Module):
 
     def __call__(self, x: Float[Array, "b n c"], mask: Bool[Array, "b n"]) -> Float[Array, "b n d"]:
         """New point features `[b, n, d]`, zero on padding."""
+        graph, center, neighbor, folded = self._edges(x, mask)
+        weights = None if self.attention is None else self.attention.weights()
+        aggregate = partial(aggregate_edges, **folded, attention=weights, negative_slope=self.negative_slope)
+        return jax.vmap(aggregate)(center, neighbor, graph)
+
+    def channel_weights(self, x: Float[Array, "b n c"], mask: Bool[Array, "b n"]) -> Float[Array, "b d"]:
+        """The weights between 0 and 1 that channel attention gives each cloud's channels, equation (12); 1 without it."""
+        graph, center, neighbor, folded = self._edges(x, mask)
+        if self.attention is None:
+            return jnp.ones((x.shape[0], center.shape[-1]), x.dtype)
+        weigh = partial(edge_attention, **folded, attention=self.attention.weights())
+        return jax.vmap(weigh)(center, neighbor, graph)
+
+    def _edges(self, x: Array, mask: Array) -> tuple[Array, Array, Array, dict[str, Array]]:
+        """Graph, the shares of centres and neighbours, and the batch normalisation as scale and shift."""
         graph = jax.vmap(lambda rows, valid: feature_graph(rows, k=self.k, mask=valid))(x, mask)
         center, neighbor = jax.vmap(edge_products, in_axes=(0, None))(x, self.kernel[...])
         if self.norm.use_running_average:
@@ -72,8 +87,4 @@ class AEdgeConv(nnx.Module):
             mean, var = edge_statistics(center, neighbor, graph)
             self.norm.update(mean, var)
         scale, shift = self.norm.fold(mean, var)
-        weights = None if self.attention is None else self.attention.weights()
-        aggregate = partial(
-            aggregate_edges, scale=scale, shift=shift, attention=weights, negative_slope=self.negative_slope
-        )
-        return jax.vmap(aggregate)(center, neighbor, graph)
+        return graph, center, neighbor, {"scale": scale, "shift": shift}

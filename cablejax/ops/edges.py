@@ -142,19 +142,51 @@ def aggregate_edges(
     (smallest, where `scale` is negative), and its mean over the cloud from each point's number of incoming edges. The
     channel weights are positive and shared by all edges, so they may follow the maximum.
     """
+    largest = _largest_edges(center, neighbor, neighbors, scale, shift)
+    if attention is not None:
+        largest = largest * _attention_of(largest, center, neighbor, neighbors, scale, shift, attention)[None, :]
+    return jax.nn.leaky_relu(largest, negative_slope)
+
+
+def edge_attention(
+    center: Float[Array, "n d"],
+    neighbor: Float[Array, "n d"],
+    neighbors: Int[Array, "n k"],
+    *,
+    scale: Float[Array, " d"],
+    shift: Float[Array, " d"],
+    attention: AttentionWeights,
+) -> Float[Array, " d"]:
+    """The channel weights `[d]` of equation (12) that `aggregate_edges` applies, to look at."""
+    largest = _largest_edges(center, neighbor, neighbors, scale, shift)
+    return _attention_of(largest, center, neighbor, neighbors, scale, shift, attention)
+
+
+def _largest_edges(center: Array, neighbor: Array, neighbors: Array, scale: Array, shift: Array) -> Float[Array, "n d"]:
+    """The largest V of each point's edges; zero for a point without neighbours."""
     exists = neighbors[:, :1] >= 0
     sign = jnp.where(scale < 0, -1.0, 1.0)[None, :]
     extreme = sign * neighbor_max(sign * neighbor, neighbors)
     value = scale[None, :] * (center + jnp.where(exists, extreme, 0.0)) + shift[None, :]
-    largest = jnp.where(exists, value, 0.0)
-    if attention is not None:
-        edges = jnp.sum(neighbors >= 0, axis=1).astype(center.dtype)
-        total = jnp.maximum(jnp.sum(edges), 1.0)
-        mean = (edges @ center + in_degree(neighbors) @ neighbor) / total
-        overall = jnp.max(largest, axis=0, where=exists, initial=-jnp.inf)
-        overall = jnp.where(jnp.any(exists), overall, 0.0)
-        largest = largest * pooled_attention(overall, scale * mean + shift, attention)[None, :]
-    return jax.nn.leaky_relu(largest, negative_slope)
+    return jnp.where(exists, value, 0.0)
+
+
+def _attention_of(
+    largest: Array,
+    center: Array,
+    neighbor: Array,
+    neighbors: Array,
+    scale: Array,
+    shift: Array,
+    attention: AttentionWeights,
+) -> Float[Array, " d"]:
+    """Equation (12) from the points' largest V and the mean V over all edges."""
+    exists = neighbors[:, :1] >= 0
+    edges = jnp.sum(neighbors >= 0, axis=1).astype(center.dtype)
+    mean = (edges @ center + in_degree(neighbors) @ neighbor) / jnp.maximum(jnp.sum(edges), 1.0)
+    overall = jnp.max(largest, axis=0, where=exists, initial=-jnp.inf)
+    overall = jnp.where(jnp.any(exists), overall, 0.0)
+    return pooled_attention(overall, scale * mean + shift, attention)
 
 
 def edge_statistics(

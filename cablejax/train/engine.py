@@ -121,8 +121,12 @@ class Engine:
 
     def evaluate(self, state: TrainState, split: Clouds) -> Metrics:
         """Metrics of the current weights on a split, in evaluation mode."""
-        merged = nnx.merge_state(*self.placement.local(self.weights(state)))
-        return score_all(predict(self.eval_graphdef, merged, split, batch_size=self.config.eval_batch_size), split)
+        outputs = predict(self.eval_graphdef, self.merged(state), split, batch_size=self.config.eval_batch_size)
+        return score_all(outputs, split)
+
+    def merged(self, state: TrainState) -> Any:
+        """The weights to evaluate as one state, for `eval_graphdef`."""
+        return nnx.merge_state(*self.placement.local(self.weights(state)))
 
     def model(self, weights: tuple[Any, Any]) -> nnx.Module:
         """A model of its own in evaluation mode."""

@@ -16,6 +16,7 @@ from cablejax.train.config import TrainConfig
 from cablejax.train.engine import Engine, TrainingDiverged
 from cablejax.train.history import EpochRecord, best_epoch, out_of_patience
 from cablejax.train.metrics import Clouds
+from cablejax.train.pictures import log_attention, log_clouds
 from cablejax.train.placement import Placement
 from cablejax.train.resume import RunFolder, data_checksum
 from cablejax.train.step import TrainState
@@ -87,6 +88,8 @@ def fit(
     )
     state, best, history = _start(engine, run)
     data = engine.put(first)
+    if logger is not None:
+        log_clouds(logger, "train/clouds", first, 0)
     bar = tqdm(
         total=config.epochs * plan.batches,
         initial=len(history) * plan.batches,
@@ -107,6 +110,8 @@ def fit(
                 raise _kept(error, run, engine.placement) from None
             if validation is not None:
                 record = record.with_validation(engine.evaluate(state, validation))
+                if logger is not None:
+                    log_attention(logger, engine.eval_graphdef, engine.merged(state), validation, record.epoch)
             history.append(record)
             if config.keep_best and best_epoch(history) == record.epoch:
                 best = jax.tree.map(jnp.copy, engine.weights(state))

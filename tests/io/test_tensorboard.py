@@ -75,12 +75,13 @@ def test_pictures_meshes_histograms(tmp_path):
     with RunLogger(tmp_path) as log:
         log.confusion("confusion", jnp.asarray([[3, 1], [0, 4]]), ["25", "35"], 1)
         log.mesh("cloud", np.zeros((5, 3)), 1, color=np.full((5, 3), 255))
+        log.mesh("batch", np.zeros((3, 5, 3)), 1)
         log.histogram("attention", jnp.linspace(0, 1, 10), 1)
     assert [value.image.width for _, value in values(tmp_path, "confusion")] == [400]
     [(_, histogram)] = values(tmp_path, "attention")
     assert histogram.histo.num == 10
     meshes = [v.tag for e in events(tmp_path) for v in e.summary.value if v.metadata.plugin_data.plugin_name == "mesh"]
-    assert len(meshes) == 2  # vertices and colours
+    assert len(meshes) == 3  # vertices and colours of the cloud, vertices of the batch
 
 
 def test_confusion_counts_shade_the_right_cells():

@@ -113,14 +113,17 @@ def test_each_stage_can_be_left_out():
     assert counts[0, 0, 0] < counts[1, 0, 0] < counts[1, 1, 0] < counts[1, 1, 1]
 
 
-def test_a_regression_head_leaves_the_logits_and_adds_a_diameter():
+def test_what_adgcnn_tells_beside_logits():
     options = {"k": 6, "widths": (8, 8), "enhancement": False, "fusion": False}
     model = build_model("adgcnn", CLASSES, rngs=nnx.Rngs(0), regression=True, **options)
     model.eval()
-    found, logits = jax.jit(lambda xyz, mask: (model.with_diameter(xyz, mask), model(xyz, mask)))(*clouds())
+    ask = jax.jit(lambda *of: (model.with_diameter(*of), model(*of), model.attention_weights(*of)))
+    found, logits, attention = ask(*clouds())
     np.testing.assert_allclose(found.logits, logits, atol=1e-5)
     assert found.diameter_mm.shape == (B,)
     assert float(found.std_mm.min()) > 0
+    assert [each.shape for each in attention] == [(B, 8), (B, 8)]
+    assert all(((each > 0) & (each < 1)).all() for each in attention)
     with pytest.raises(ValueError, match="regression=True"):
         small("adgcnn").with_diameter(*clouds())
 

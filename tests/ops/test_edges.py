@@ -10,8 +10,10 @@ import pytest
 from cablejax.ops.edges import (
     AttentionWeights,
     channel_attention,
+    edge_attention,
     edge_conv,
     edge_features,
+    edge_products,
     edge_statistics,
     neighbor_max,
     neighbor_sum,
@@ -53,6 +55,18 @@ def test_edge_conv_equals_the_reference(attention):
     )
     # Sums of 8 products of order 1 to 10 in float32.
     np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-4)
+
+
+def test_attention_to_look_at_is_equation_12():
+    data = sample(2)
+    graph = reference.graph(data["features"], K, data["mask"])
+    graph[5, 2:] = -1
+    weights, scale, shift = AttentionWeights(*map(f32, data["weights"])), f32(data["scale"]), f32(data["shift"])
+    shares = edge_products(f32(data["features"]), f32(data["kernel"]))
+    found = edge_attention(*shares, jnp.asarray(graph), scale=scale, shift=shift, attention=weights)
+    edges = edge_features(f32(data["features"]), jnp.asarray(graph)) @ f32(data["kernel"])
+    edges = edges * scale[None, None, :] + shift[None, None, :]
+    np.testing.assert_allclose(found, channel_attention(edges, jnp.asarray(graph >= 0), weights), rtol=1e-4)
 
 
 def literal(features, kernel, scale, shift, weights, graph):
