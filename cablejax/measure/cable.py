@@ -23,6 +23,7 @@ from cablejax.measure.budget import COVERAGE, combined, uncertainty_budget
 from cablejax.measure.candidates import Find, find_cables
 from cablejax.measure.errors import MeasureError
 from cablejax.measure.fit import CableFit, fit_cable
+from cablejax.measure.freeform import free_section
 from cablejax.measure.nominal import nominal_probabilities, verdict
 from cablejax.measure.planes import Plane
 from cablejax.measure.result import CableMeasurement
@@ -311,6 +312,7 @@ def _assembled(
         angle_deg=painted.angle_deg,
         budget=lines,
         nominal=nominal,
+        free_section=free_section(fit, arc, bias),
         verdict=None if catalogue is None else verdict(nominal, diameter, nominal_std, catalogue),
     )
     result.warnings.extend(warnings_about(result, find, oval_arc_deg=settings.oval_arc_deg))
