@@ -97,7 +97,7 @@ def _motions(p: np.ndarray, q: np.ndarray, voxel: float, rng: np.random.Generato
     return motions[np.argsort(-follow, kind="stable")[:FINALISTS]]
 
 
-def _kabsch(p: Float[np.ndarray, "h 3 3"], q: Float[np.ndarray, "h 3 3"]) -> Float[np.ndarray, "h 4 4"]:
+def _kabsch(p: Float[np.ndarray, "h k 3"], q: Float[np.ndarray, "h k 3"]) -> Float[np.ndarray, "h 4 4"]:
     """The best motion of each set of points, equation (9) as `cablejax.ops.kabsch`, for many sets in float64."""
     mean_p, mean_q = p.mean(axis=1), q.mean(axis=1)
     u, _, vt = np.linalg.svd((q - mean_q[:, None]).transpose(0, 2, 1) @ (p - mean_p[:, None]))

@@ -126,7 +126,9 @@ def solve_graph(poses: Float[np.ndarray, "s 4 4"], edges: Sequence[Edge]) -> Flo
                 for j, b in slopes.items():
                     matrix[6 * i : 6 * i + 6, 6 * j : 6 * j + 6] += a.T @ information @ b
         # Twists of turned frames about far origins are scaled to order one before small values are taken for none.
-        scale = 1 / np.sqrt(np.maximum(np.diag(matrix)[6:], 1e-300))
+        stiff = np.diag(matrix)[6:]
+        known = stiff > 1e-12 * max(stiff.max(), 1e-300)
+        scale = np.where(known, 1 / np.sqrt(np.where(known, stiff, 1.0)), 0.0)
         step = scale * np.linalg.lstsq(scale[:, None] * matrix[6:, 6:] * scale, scale * right[6:], rcond=1e-10)[0]
         for i in range(1, n):
             poses[i] = poses[i] @ _motion(step[6 * i - 6 : 6 * i])

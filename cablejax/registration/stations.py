@@ -32,7 +32,7 @@ class Stations(NamedTuple):
 
 
 def register_stations(
-    clouds: Sequence[Num[np.ndarray, "n 3"]],
+    clouds: Sequence[Num[np.ndarray, "_ 3"]],
     *,
     voxels: Sequence[float | int],
     T_world_station: Float[np.ndarray, "s 4 4"] | None = None,
