@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+SETTLE_S = 2.0
+
 
 def open3d_module() -> ModuleType:
     """Open3D, with the libusb that its wheel needs and a bare machine lacks."""
@@ -52,6 +54,9 @@ def alternate(
 ) -> dict[str, Any]:
     """Run all contenders in turn, `config["rounds"]` times, and report medians beside the first call's compile time.
 
+    Each is first run for two seconds, as the memory of a process takes tens of calls to settle, and twice in a round, of
+    which the second counts.
+
     Args:
         title: What is measured.
         runs: Contenders; the first is ours, ratios are ours over theirs.
@@ -63,8 +68,13 @@ def alternate(
         The table as written.
     """
     seconds: dict[str, list[float]] = {name: [] for name in runs}
+    for run in runs.values():
+        end = time.perf_counter() + SETTLE_S
+        while time.perf_counter() < end:
+            run()
     for _ in range(config["rounds"]):
         for name, run in runs.items():
+            run()  # not timed: another contender's threads may still spin, and its data fill the caches
             start = time.perf_counter()
             run()
             seconds[name].append(time.perf_counter() - start)

@@ -16,6 +16,7 @@ from experiments.revision import is_clean
 from experiments.runs import RECORD
 
 Record = dict[str, Any]
+ABSENT = object()  # what a key is in a run that has none: another filter's, which None would hide
 
 
 class CollectError(Exception):
@@ -63,7 +64,7 @@ def cells(records: list[Record]) -> list[dict[str, Any]]:
     """
     flat = [flatten(record["config"]) for record in records]
     keys = sorted(set().union(*flat))
-    varying = [k for k in keys if k != "seed" and len({repr(f.get(k)) for f in flat}) > 1]
+    varying = [k for k in keys if k != "seed" and len({repr(f.get(k, ABSENT)) for f in flat}) > 1]
     rows = [
         {"cell": {k: f[k] for k in varying if k in f}, "seed": record["seed"], "metrics": record["metrics"]}
         for f, record in zip(flat, records, strict=True)

@@ -3,7 +3,7 @@
 Each dataclass checks its own values when it is built, so that a wrong value stops a run at once, in one line.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -263,6 +263,9 @@ def from_flat(flat: dict[str, Any]) -> Config:
         for part in path:
             inner = inner.setdefault(part, {})
         inner[last] = value
+    own = {each.name for each in fields(FILTERS[nested["filter"]["name"]])}
+    # A key that only other filters have, and that was None in all of them, stands among what the runs of a file share.
+    nested["filter"] = {key: value for key, value in nested["filter"].items() if key in own or value is not None}
     for group, node in {**GROUPS, "filter": FILTERS[nested["filter"]["name"]]}.items():
         nested[group] = node(**nested.get(group, {}))
     return Config(**nested)

@@ -20,6 +20,7 @@ examples:
   cablejax measure scan.ply --unit mm --catalogue 8.7/15 --report scan.html
   cablejax measure scans/ --unit mm --csv all.csv --report reports/
   cablejax denoise scan.ply clean.ply --unit mm
+  cablejax register a.ply b.ply c.ply --unit mm --voxels 4 2 --output all.ply
   cablejax simulate scan.ply --size 240 --arc 180
 """
 
@@ -114,11 +115,16 @@ def _denoise(sub: argparse._SubParsersAction) -> None:
 
 
 def _register(sub: argparse._SubParsersAction) -> None:
-    parser = sub.add_parser("register", help="the rigid motion that takes one scan onto another")
-    parser.add_argument("source", help="point file to move")
-    parser.add_argument("target", help="point file that stays")
-    parser.add_argument("--unit", choices=UNITS, help="unit of both files (default: mm, with a warning)")
-    parser.add_argument("--output", metavar="FILE", help="write the moved source")
+    parser = sub.add_parser(
+        "register",
+        help="the rigid motions that bring scans together",
+        description="Bring scans into the frame of the last one: two by one registration, more by a pose graph.",
+    )
+    parser.add_argument("scans", nargs="+", metavar="scan", help="point files, two or more; the last one stays")
+    parser.add_argument("--unit", choices=UNITS, help="unit of all files (default: mm, with a warning)")
+    parser.add_argument(
+        "--output", metavar="FILE", help="write the moved source, or all scans together if more than two"
+    )
     parser.add_argument("--method", choices=("point", "plane", "gicp"), default="plane", help="default: plane")
     parser.add_argument("--kernel", choices=("none", "huber", "cauchy", "tukey"), default="none", help="default: none")
     parser.add_argument("--max-distance", type=float, metavar="MM", help="between partners (default: from the spacing)")
@@ -127,7 +133,13 @@ def _register(sub: argparse._SubParsersAction) -> None:
         type=float,
         nargs="+",
         metavar="MM",
-        help="from coarse to fine: 500 250 125, partners within 4 voxels",
+        help="from coarse to fine: 500 250 125, partners within 4 voxels (2 for more than two scans)",
+    )
+    parser.add_argument(
+        "--start",
+        choices=("given", "features"),
+        default="given",
+        help="given: the scans lie near each other as they are (default); features: nothing is known of the pose",
     )
 
 

@@ -46,14 +46,7 @@ def _one(options: argparse.Namespace) -> dict[str, Any]:
         check_output(options.report, (".html", ".htm"))
     sizes = _sizes(options.catalogue)
     scan = load(options, options.scan)
-    from cablejax.measure import (
-        MeasureError,
-        MeasureSettings,
-        bend_conformity,
-        conformity,
-        irregularities,
-        measure_cable,
-    )
+    from cablejax.measure import MeasureError, MeasureSettings, conformity, measure_cable
 
     settings = MeasureSettings(
         section_mm=options.section,
@@ -80,8 +73,6 @@ def _one(options: argparse.Namespace) -> dict[str, Any]:
         **result.to_dict(),
         "tolerance_mm": options.tolerance,
         "conformity": judged,
-        "bend_conformity": bend_conformity(result.bend_interval_mm, result.diameter_mm),
-        "irregularities": [one._asdict() for one in irregularities(result.sections)],
     }
 
 
@@ -114,6 +105,10 @@ def table(result: dict[str, Any]) -> str:
     if r["ovality"] is not None:
         across = f"{r['minimum_mm']:.3f} mm by {r['maximum_mm']:.3f} mm"
         pairs.append(("ovality", f"{100 * r['ovality']:.2f} % +- {196 * r['ovality_std']:.2f} %, {across}"))
+    if r["free_section"] is not None:
+        jaws = r["free_section"]["square_mm"]
+        round_ = f"{r['free_section']['diameter_mm']:.3f} mm round by its perimeter"
+        pairs.append(("free-form section", f"{jaws[0]:.3f} mm by {jaws[1]:.3f} mm between jaws, {round_}"))
     pairs += [
         ("length", f"{r['length_mm']:.1f} mm"),
         ("bend radius", bend),

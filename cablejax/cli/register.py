@@ -1,36 +1,52 @@
-"""`cablejax register`: the rigid motion that takes one scan onto another."""
+"""`cablejax register`: the rigid motions that bring two or more scans together."""
 
 import argparse
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cablejax.cli.main import NoResultError
 from cablejax.cli.scans import WRITABLE, check_output, load, rows, save, say
 
+if TYPE_CHECKING:
+    from cablejax.io import PointFile
+    from cablejax.registration import RegistrationResult
+
 
 def run(options: argparse.Namespace) -> dict[str, Any]:
-    """Read both, register, write the moved source."""
+    """Read all, register, write what was moved."""
+    if len(options.scans) < 2:
+        raise NoResultError(f"scans: expected two files or more, got {len(options.scans)}")
+    if options.voxels is None and (len(options.scans) > 2 or options.start != "given"):
+        raise NoResultError(
+            "--voxels: are needed for more than two scans and for --start features, coarse to fine in mm"
+        )
     if options.output is not None:
         check_output(options.output, WRITABLE)
-    source, target = load(options, options.source), load(options, options.target)
+    scans = [load(options, path) for path in options.scans]
+    try:
+        return _pair(options, *scans) if len(scans) == 2 else _stations(options, scans)
+    except ValueError as error:
+        raise NoResultError(str(error)) from None
+
+
+def _pair(options: argparse.Namespace, source: "PointFile", target: "PointFile") -> dict[str, Any]:
+    """One onto the other."""
     from cablejax.registration import icp, register
     from cablejax.types import Status, describe
 
     say(options, f"registering {len(source.xyz_mm):,} points onto {len(target.xyz_mm):,}")
     if options.voxels:
         found = register(
-            source.xyz_mm, target.xyz_mm, voxels=options.voxels, method=options.method, kernel=options.kernel
-        )
+            source.xyz_mm, target.xyz_mm, voxels=options.voxels, method=options.method, kernel=options.kernel,
+            start=options.start,
+        )  # fmt: skip
     else:
         found = icp(
-            source.xyz_mm,
-            target.xyz_mm,
-            method=options.method,
-            kernel=options.kernel,
+            source.xyz_mm, target.xyz_mm, method=options.method, kernel=options.kernel,
             max_distance=options.max_distance,
-        )
+        )  # fmt: skip
     if found.status & Status.EMPTY:
         raise NoResultError(
-            f"{options.source}: too few points lie near the target: give --max-distance, or bring the scans closer first"
+            f"{options.scans[0]}: too few points lie near the target: give --max-distance, or --start features"
         )
     if options.output is not None:
         moved = source.xyz_mm @ found.T_target_source[:3, :3].T + found.T_target_source[:3, 3]
@@ -42,17 +58,53 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
         "unit": "mm",
         "converged": found.converged,
         "iterations": found.iterations,
+        **_described(found),
+        "notes": describe(found.status),
+    }
+
+
+def _described(found: "RegistrationResult") -> dict[str, Any]:
+    return {
         "inliers": found.inliers,
+        "overlap": found.overlap,
         "rmse_mm": found.rmse,
         "observability": found.observability.tolist(),
         "unseen_directions": found.directions[:, ~found.seen].T.tolist(),
-        "notes": describe(found.status),
+    }
+
+
+def _stations(options: argparse.Namespace, scans: "list[PointFile]") -> dict[str, Any]:
+    """All into the frame of the last, by a pose graph."""
+    import numpy as np
+
+    from cablejax.registration import register_stations
+
+    say(options, f"registering {len(scans)} scans, {sum(len(scan.xyz_mm) for scan in scans):,} points")
+    order = scans[::-1]  # the first one's frame is the world
+    found = register_stations(
+        [scan.xyz_mm for scan in order], voxels=options.voxels, method=options.method, kernel=options.kernel,
+        start=options.start,
+    )  # fmt: skip
+    if options.output is not None:
+        poses = found.T_world_station
+        moved = [scan.xyz_mm @ T[:3, :3].T + T[:3, 3] for scan, T in zip(order, poses, strict=True)]
+        save(options.output, np.concatenate(moved), unit=scans[-1].unit)
+    return {
+        "files": options.scans,
+        "T_last_file": [T.tolist() for T in found.T_world_station[::-1]],
+        "unit": "mm",
+        "rmse_mm": found.rmse,
+        "pairs": [
+            {"source": str(order[source].path), "target": str(order[target].path), **_described(pair)}
+            for (source, target), pair in found.pairs.items()
+        ],
     }
 
 
 def table(result: dict[str, Any]) -> str:
     """The result for reading."""
-    lines = ["  ".join(f"{value:14.8f}" for value in row) for row in result["T_target_source"]]
+    if "files" in result:
+        return _stations_table(result)
     unseen = len(result["unseen_directions"])
     pairs = [
         ("partners", f"{result['inliers']:,}, {result['rmse_mm']:.3g} mm apart (root mean square)"),
@@ -60,4 +112,22 @@ def table(result: dict[str, Any]) -> str:
         ("unseen", f"{unseen} of 6 directions of motion, left as they were" if unseen else "no direction of motion"),
     ]
     notes = [f"  note: {note}" for note in result["notes"]]
-    return "\n".join(["  T_target_source, mm", *("  " + line for line in lines), rows(pairs), *notes])
+    return "\n".join(["  T_target_source, mm", _matrix(result["T_target_source"]), rows(pairs), *notes])
+
+
+def _matrix(T: list[list[float]]) -> str:
+    return "\n".join("    " + "  ".join(f"{value:14.8f}" for value in row) for row in T)
+
+
+def _stations_table(result: dict[str, Any]) -> str:
+    lines = []
+    for path, T in zip(result["files"], result["T_last_file"], strict=True):
+        lines += [f"  {path}, into the frame of the last, mm", _matrix(T)]
+    pairs = [
+        (
+            f"{pair['source']} onto {pair['target']}",
+            f"{100 * pair['overlap']:.0f} % overlap, {pair['rmse_mm']:.3g} mm, {len(pair['unseen_directions'])} of 6 unseen",
+        )
+        for pair in result["pairs"]
+    ]
+    return "\n".join([*lines, rows(pairs)])

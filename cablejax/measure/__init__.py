@@ -7,6 +7,7 @@ on the host in float64 NumPy and SciPy.
 from cablejax.measure.cable import MeasureSettings, measure_cable
 from cablejax.measure.conformity import bend_conformity, conformity
 from cablejax.measure.errors import MeasureError
+from cablejax.measure.freeform import FreeSection
 from cablejax.measure.irregular import Irregularity, irregularities
 from cablejax.measure.nominal import nominal_probabilities, verdict
 from cablejax.measure.result import BudgetLine, CableMeasurement
@@ -15,6 +16,7 @@ from cablejax.measure.sections import Sections
 __all__ = [
     "BudgetLine",
     "CableMeasurement",
+    "FreeSection",
     "Irregularity",
     "MeasureError",
     "MeasureSettings",

@@ -53,6 +53,14 @@ def arc_too_small(arc_deg: float, least_deg: float, find: Find) -> MeasureError:
     )
 
 
+def too_rough(noise_mm: float, radius_mm: float) -> MeasureError:
+    """The error for points that lie about a fit rather than on it."""
+    return MeasureError(
+        f"No cable found: what is roundest has a radius of {radius_mm:.3g} mm, and the points scatter by {noise_mm:.3g} mm "
+        "about it. Cut the scan closer to the cable, or scan it with less noise."
+    )
+
+
 def unknown_diameter(diameter_mm: float, std_mm: float, arc_deg: float) -> MeasureError:
     """The error for a fit that leaves the diameter open."""
     return MeasureError(

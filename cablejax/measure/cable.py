@@ -12,6 +12,7 @@ from cablejax.measure.advice import (
     check_cloud,
     nothing_found,
     too_flat,
+    too_rough,
     unknown_diameter,
     warnings_about,
 )
@@ -23,6 +24,7 @@ from cablejax.measure.budget import COVERAGE, combined, uncertainty_budget
 from cablejax.measure.candidates import Find, find_cables
 from cablejax.measure.errors import MeasureError
 from cablejax.measure.fit import CableFit, fit_cable
+from cablejax.measure.freeform import free_section
 from cablejax.measure.nominal import nominal_probabilities, verdict
 from cablejax.measure.planes import Plane
 from cablejax.measure.result import CableMeasurement
@@ -34,6 +36,8 @@ from cablejax.types import PointCloud
 MIN_ON_CABLE = 30
 WORST_STD = 0.2  # of the diameter: beyond, there is none to report
 COARSE_POINTS = 8_000  # on which the first fits are made
+PER_SECTION = 40  # points, on average, that a section must hold at least
+ROUGHEST = 0.4  # scatter over the radius, above which the points lie on no surface of that radius
 KEEP_SIGMA = 3.5  # standard deviations from the surface within which a point counts as the cable's
 
 
@@ -156,6 +160,9 @@ def _best(
         except MeasureError as error:
             failure = failure or error
             continue
+        if fitted.fit.noise_mm > ROUGHEST * fitted.fit.radius_mm:
+            failure = failure or too_rough(fitted.fit.noise_mm, fitted.fit.radius_mm)
+            continue
         sections = _sections(fitted.fit, settings)
         seen = sections.points >= 0.2 * np.median(sections.points)
         arc = float(np.median(sections.arc_deg[seen]))
@@ -166,9 +173,11 @@ def _best(
 
 
 def _sections(fit: CableFit, settings: MeasureSettings) -> Sections:
-    length = float(np.ptp(fit.place.s[fit.weight > 0]))
+    used = fit.place.s[fit.weight > 0]
+    length = float(np.ptp(used))
     step = settings.section_mm if settings.section_mm is not None else 0.5 * fit.radius_mm
-    return cut(fit, step_mm=max(step, length / 200))
+    # On a coarse grid a short section holds two points, which show no arc.
+    return cut(fit, step_mm=max(step, length / 200, length * PER_SECTION / len(used)))
 
 
 def _headline(fit: CableFit, shape: Oval | None, profile: Profile | None, bias_mm: float) -> float:
@@ -311,6 +320,7 @@ def _assembled(
         angle_deg=painted.angle_deg,
         budget=lines,
         nominal=nominal,
+        free_section=free_section(fit, arc, bias),
         verdict=None if catalogue is None else verdict(nominal, diameter, nominal_std, catalogue),
     )
     result.warnings.extend(warnings_about(result, find, oval_arc_deg=settings.oval_arc_deg))

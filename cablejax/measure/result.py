@@ -6,6 +6,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
+from cablejax.measure.conformity import bend_conformity
+from cablejax.measure.freeform import FreeSection
+from cablejax.measure.irregular import Irregularity, irregularities
 from cablejax.measure.sections import Sections
 
 
@@ -46,6 +49,7 @@ class CableMeasurement:
         along_mm, angle_deg: Place of every point along the axis and about it `[n]`; NaN far off.
         budget: Sources of uncertainty.
         nominal: Probability of each nominal size, likeliest first; empty without a catalogue.
+        free_section: The section's own shape; None where less than the whole circumference was seen.
         verdict: The nominal size in words; None without a catalogue.
         warnings: Sentences about what should be known before the numbers are used.
     """
@@ -72,7 +76,18 @@ class CableMeasurement:
     budget: list[BudgetLine]
     nominal: dict[str, float] = field(default_factory=dict)
     verdict: str | None = None
+    free_section: FreeSection | None = None
     warnings: list[str] = field(default_factory=list)
+
+    @property
+    def bend_verdicts(self) -> dict[str, str]:
+        """The bend radius against 12, 15 and 20 diameters: "pass", "fail" or "undecided"."""
+        return bend_conformity(self.bend_interval_mm, self.diameter_mm)
+
+    @property
+    def irregularities(self) -> list[Irregularity]:
+        """Steps, bulges and dents along the length."""
+        return irregularities(self.sections)
 
     def to_dict(self, *, arrays: bool = False) -> dict[str, Any]:
         """Plain numbers, lists and strings for JSON; the arrays as long as the scan only on request.
@@ -86,6 +101,9 @@ class CableMeasurement:
             "bend_interval_mm": None if self.bend_interval_mm is None else list(self.bend_interval_mm),
             "axis_mm": self.axis_mm.tolist(),
             "sections": {name: _listed(array) for name, array in self.sections._asdict().items()},
+            "free_section": None if self.free_section is None else _plain(self.free_section),
+            "bend_conformity": self.bend_verdicts,
+            "irregularities": [one._asdict() for one in self.irregularities],
             "budget": [asdict(line) for line in self.budget],
             "nominal": dict(self.nominal),
             "warnings": list(self.warnings),
@@ -111,6 +129,12 @@ SCALARS = (
     "points",
     "verdict",
 )
+
+
+def _plain(section: FreeSection) -> dict[str, Any]:
+    return {
+        name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in section._asdict().items()
+    }
 
 
 def _listed(array: np.ndarray) -> list[float | None]:

@@ -8,6 +8,7 @@ from jaxtyping import Float
 from cablejax.measure.fit import CableFit, tukey
 
 BIN_DEG = 5.0
+OVAL_DEG = 175.0
 MIN_POINTS = 12
 
 
@@ -20,6 +21,9 @@ class Sections(NamedTuple):
         std_mm: Its standard deviation from noise, arc and number of points `[m]`.
         arc_deg: Circumference seen in each slab `[m]`, degrees, in steps of `BIN_DEG`.
         points: Points with weight in each slab `[m]`.
+        minimum_mm, maximum_mm: Least and greatest diameter of each slab `[m]`, of a circle with one oval harmonic; NaN
+            where the slab shows less than `OVAL_DEG`.
+        oval_std_mm: Standard deviation of the difference between them `[m]`.
     """
 
     s_mm: Float[np.ndarray, " m"]
@@ -27,6 +31,9 @@ class Sections(NamedTuple):
     std_mm: Float[np.ndarray, " m"]
     arc_deg: Float[np.ndarray, " m"]
     points: Float[np.ndarray, " m"]
+    minimum_mm: Float[np.ndarray, " m"]
+    maximum_mm: Float[np.ndarray, " m"]
+    oval_std_mm: Float[np.ndarray, " m"]
 
 
 class Oval(NamedTuple):
@@ -60,7 +67,7 @@ def arc_of(angle: Float[np.ndarray, " n"]) -> float:
 
 
 def cut(fit: CableFit, *, step_mm: float) -> Sections:
-    """Fit a circle, centre free, in slabs `step_mm` long: one linear step from the common fit, two times.
+    """Fit a circle, centre free, in slabs `step_mm` long, and an oval where enough is seen: a linear step from the common fit.
 
     A slab's centre lies within the noise of the axis, so the step is exact to the square of that over the radius.
     """
@@ -68,26 +75,49 @@ def cut(fit: CableFit, *, step_mm: float) -> Sections:
     count = max(1, int(np.ceil((s.max() - s.min() + 1e-9) / step_mm)))
     width = (s.max() - s.min() + 1e-9) / count
     slab = np.minimum(((s - s.min()) / width).astype(int), count - 1)
-    columns = np.stack([np.cos(angle), np.sin(angle), np.ones_like(angle)], axis=1)
     weight = tukey(fit.residual_mm, fit.noise_mm)
-    normal = np.empty((count, 3, 3))
-    right = np.empty((count, 3))
-    for i in range(3):
-        right[:, i] = np.bincount(slab, weights=weight * columns[:, i] * fit.residual_mm, minlength=count)
-        for j in range(3):
-            normal[:, i, j] = np.bincount(slab, weights=weight * columns[:, i] * columns[:, j], minlength=count)
-    points = np.bincount(slab[weight > 0], minlength=count).astype(float)
-    covered = np.zeros((count, int(360 / BIN_DEG)), dtype=bool)
     used = weight > 0
+    points = np.bincount(slab[used], minlength=count).astype(float)
+    covered = np.zeros((count, int(360 / BIN_DEG)), dtype=bool)
     covered[slab[used], np.floor(np.degrees(angle[used]) % 360 / BIN_DEG).astype(int)] = True
     arc = covered.sum(axis=1) * BIN_DEG
-    good = (points >= MIN_POINTS) & (np.linalg.eigvalsh(normal)[:, 0] > 1e-4 * points)
-    diameter, std = np.full(count, np.nan), np.full(count, np.nan)
+    circle = [np.ones_like(angle), np.cos(angle), np.sin(angle)]
+    change, covariance = _slabs(fit, slab, count, np.stack(circle), weight, points >= MIN_POINTS)
+    both = np.stack([*circle, np.cos(2 * angle), np.sin(2 * angle)])
+    shaped, doubt = _slabs(fit, slab, count, both, weight, (points >= 2 * MIN_POINTS) & (arc >= OVAL_DEG))
+    # Noise makes an amplitude out of nothing: its expected square is taken off.
+    noise = doubt[:, 3, 3] + doubt[:, 4, 4]
+    amplitude = np.sqrt(np.maximum(shaped[:, 3] ** 2 + shaped[:, 4] ** 2 - noise, 0.0))
+    mean = 2 * (fit.radius_mm + shaped[:, 0])
+    return Sections(
+        s.min() + (np.arange(count) + 0.5) * width,
+        2 * (fit.radius_mm + change[:, 0]),
+        2 * np.sqrt(covariance[:, 0, 0]),
+        arc,
+        points,
+        mean - 2 * amplitude,
+        mean + 2 * amplitude,
+        4 * np.sqrt(np.maximum(doubt[:, 3, 3], doubt[:, 4, 4])),
+    )
+
+
+def _slabs(
+    fit: CableFit, slab: np.ndarray, count: int, columns: np.ndarray, weight: np.ndarray, wanted: np.ndarray
+) -> tuple[Float[np.ndarray, "m c"], Float[np.ndarray, "m c c"]]:
+    """Least squares of the residuals on `columns` `[c, n]` in each slab, and the covariance; NaN where it cannot be told."""
+    c = len(columns)
+    normal, right = np.empty((count, c, c)), np.empty((count, c))
+    for i in range(c):
+        right[:, i] = np.bincount(slab, weights=weight * columns[i] * fit.residual_mm, minlength=count)
+        for j in range(i + 1):
+            total = np.bincount(slab, weights=weight * columns[i] * columns[j], minlength=count)
+            normal[:, i, j] = normal[:, j, i] = total
+    good = wanted & (np.linalg.eigvalsh(normal)[:, 0] > 1e-4 * np.maximum(normal[:, 0, 0], 1e-9))
+    change, covariance = np.full((count, c), np.nan), np.full((count, c, c), np.nan)
     inverse = np.linalg.inv(normal[good])
-    change = np.einsum("mij,mj->mi", inverse, right[good])
-    diameter[good] = 2 * (fit.radius_mm + change[:, 2])
-    std[good] = 2 * fit.noise_mm * np.sqrt(inverse[:, 2, 2])
-    return Sections(s.min() + (np.arange(count) + 0.5) * width, diameter, std, arc, points)
+    change[good] = np.einsum("mij,mj->mi", inverse, right[good])
+    covariance[good] = fit.noise_mm**2 * inverse
+    return change, covariance
 
 
 def oval(fit: CableFit) -> Oval:

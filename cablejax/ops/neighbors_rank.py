@@ -84,19 +84,19 @@ def rank_blocks(
     least = min(k + 1, words * WORD)
     operands = (xyz, candidates)
     found = narrow(score, operands, words=words, least=least, most=slots, guess=guess, active=own_row > -2)
-    sq_dist = _square_sum(xyz[:, :, :, None, None] - candidates)
-    words = selected(sq_dist, found.value)
-    column = apart(lambda words: columns(words, slots).reshape(-1, slots), sure, words)
+    words = selected(_square_sum(xyz[:, :, :, None, None] - candidates), found.value)
+    column = apart(lambda words: columns(words, slots), sure, words)
 
-    def pick(column: Array, sq_dist: Array) -> tuple[Array, Array]:
+    def pick(column: Array, candidates: Array) -> tuple[Array, Array]:
         at = jnp.maximum(column, 0)
-        other = _rows(tree, leaf, at.reshape(blocks, q, slots)).reshape(-1, slots)
-        real = (column >= 0) & (other != own_row.reshape(-1, 1))
-        owner = jnp.arange(blocks * q)[:, None]
-        picked = sq_dist.reshape(blocks * q, -1).at[owner, at].get(mode="promise_in_bounds")
-        return jnp.where(real, other, -1), jnp.where(real, picked, jnp.inf)
+        other = _rows(tree, leaf, at)
+        place = jnp.arange(blocks)[:, None, None] * candidates[0, 0].size + at
+        there = [axis.reshape(-1).at[place].get(mode="promise_in_bounds") for axis in candidates]
+        sq_dist = _square_sum([own[:, :, None] - found for own, found in zip(xyz, there, strict=True)])
+        real = (column >= 0) & (other != own_row[:, :, None])
+        return jnp.where(real, other, -1).reshape(-1, slots), jnp.where(real, sq_dist, jnp.inf).reshape(-1, slots)
 
-    ranked = apart(rank, sure, *apart(pick, sure, column, sq_dist))
+    ranked = apart(rank, sure, *apart(pick, sure, column, candidates))
     last = jnp.min(jnp.where(ranked.rank == k - 1, ranked.sq_dist, jnp.inf), axis=1)
     value, complete = found.value.reshape(-1), found.complete.reshape(-1)
     bound = jnp.repeat(near.bound, q)
@@ -131,6 +131,6 @@ def _rows(tree: Tree, leaf: Int[Array, "b m"], column: Int[Array, "b q s"]) -> I
     return tree.row.reshape(-1).at[owner * LEAF + column % LEAF].get(mode="promise_in_bounds")
 
 
-def _square_sum(difference: Float[Array, "3 ..."]) -> Float[Array, "..."]:
+def _square_sum(difference: Float[Array, "3 ..."] | list[Array]) -> Float[Array, "..."]:
     """Squared length, summed in the order x, y, z."""
     return jnp.square(difference[0]) + jnp.square(difference[1]) + jnp.square(difference[2])

@@ -1,9 +1,21 @@
-"""Registration: the rigid motion between two scans, and which parts of it the scans leave open."""
+"""Registration: the rigid motion between scans, and which parts of it the scans leave open."""
 
+from cablejax.registration.coarse import CoarseStart, coarse_start
 from cablejax.registration.icp import icp
 from cablejax.registration.normals import surface_normals
 from cablejax.registration.pyramid import register
 from cablejax.registration.result import RegistrationResult
+from cablejax.registration.stations import Stations, register_stations
 from cablejax.registration.voxels import voxel_means
 
-__all__ = ["RegistrationResult", "icp", "register", "surface_normals", "voxel_means"]
+__all__ = [
+    "CoarseStart",
+    "RegistrationResult",
+    "Stations",
+    "coarse_start",
+    "icp",
+    "register",
+    "register_stations",
+    "surface_normals",
+    "voxel_means",
+]

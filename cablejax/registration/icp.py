@@ -63,7 +63,18 @@ def nothing(T: np.ndarray, count: int, iterations: int) -> RegistrationResult:
     unknown = np.zeros((6, 6))
     status = int(Status.EMPTY | Status.NOT_CONVERGED)
     return RegistrationResult(
-        T, False, iterations, count, float("nan"), status, unknown, np.zeros(6), unknown, np.zeros(6, bool), np.zeros(3)
+        T,
+        False,
+        iterations,
+        count,
+        float("nan"),
+        status,
+        unknown,
+        np.zeros(6),
+        unknown,
+        np.zeros(6, bool),
+        np.zeros(3),
+        0.0,
     )
 
 
@@ -177,7 +188,7 @@ def between(
     inliers = int(state.step.inliers)
     if inliers < 6:
         return nothing(_shifted(_scaled(T, size), origin, -1), inliers, done)
-    return _result(state.step, T, origin, size, converged=bool(state.small), iterations=done, inliers=inliers)
+    return _result(state.step, T, origin, size, converged=bool(state.small), iterations=done, count=len(moving.xyz))
 
 
 def _aligned(
@@ -197,7 +208,7 @@ def _aligned(
 
 
 def _result(
-    step: Step, T: np.ndarray, origin: np.ndarray, size: float, *, converged: bool, iterations: int, inliers: int
+    step: Step, T: np.ndarray, origin: np.ndarray, size: float, *, converged: bool, iterations: int, count: int
 ) -> RegistrationResult:
     """The last step in the caller's unit and frame."""
     seen = np.asarray(step.seen)
@@ -208,7 +219,7 @@ def _result(
         T_target_source=_shifted(_scaled(T, size), origin, -1),
         converged=converged,
         iterations=iterations,
-        inliers=inliers,
+        inliers=int(step.inliers),
         rmse=float(step.rmse) * size,
         status=int(status),
         covariance=covariance,
@@ -216,6 +227,7 @@ def _result(
         directions=to_unit[:, None] * np.asarray(step.directions, dtype=np.float64) / size,
         seen=seen,
         center=np.asarray(step.center, dtype=np.float64) * size + origin,
+        overlap=int(step.inliers) / count,
     )
 
 

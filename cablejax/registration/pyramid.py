@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float, Num
 
+from cablejax.registration.coarse import coarse_start
 from cablejax.registration.icp import LEAST_SHARE, Options, between, check_options, host_points, nothing
 from cablejax.registration.normals import plain_tree
 from cablejax.registration.partners import Oriented
@@ -26,6 +27,7 @@ def register(
     method: Method = "gicp",
     kernel: Kernel = "none",
     max_iterations: int = 60,
+    start: str = "given",
 ) -> RegistrationResult:
     """`icp` on ever finer clouds, each level from where the one before ended.
 
@@ -36,20 +38,26 @@ def register(
         reach: Largest distance between partners, in voxels.
         T_init: Where to begin; the identity if None.
         method, kernel, max_iterations: As in `icp`.
+        start: "given" for `T_init`, "features" where nothing is known of the pose: `coarse_start` at the coarsest voxel.
 
     Returns:
         The result of the finest level.
 
     Raises:
-        ValueError: If `voxels` is empty or holds a number that is not positive.
+        ValueError: If `voxels` is empty or holds a number that is not positive, or an option is none of those listed, or
+            no coarse start is found.
     """
     if len(voxels) == 0:
         raise ValueError("voxels: expected at least one size, got none")
     check_options(method, kernel, max_iterations)
+    if start not in ("given", "features"):
+        raise ValueError(f"start: expected one of given, features, got {start!r}")
     T = np.eye(4) if T_init is None else np.asarray(T_init, dtype=np.float64)
     moving, fixed = host_points(source, "source"), host_points(target, "target")
     if min(len(moving), len(fixed)) < 6:
         return nothing(T, 0, 0)
+    if start == "features":
+        T = coarse_start(moving, fixed, voxel=max(voxels)).T_target_source
     thin_source = voxel_pyramid(moving, voxels, k=K_NORMALS if method == "gicp" else None)
     thin_target = voxel_pyramid(fixed, voxels, k=K_NORMALS)
     capacity = max(len(level.xyz) for level in thin_source)

@@ -25,6 +25,7 @@ class RegistrationResult(NamedTuple):
         directions: The twists of these directions `[6, 6]`, one a column, each moving the points by 1 (root mean square).
         seen: Which directions were moved along `[6]`.
         center: Centre of the target's inliers `[3]`.
+        overlap: Share of the source points (of the thinned ones, in `register`) that have a partner.
     """
 
     T_target_source: Float[np.ndarray, "4 4"]
@@ -38,3 +39,4 @@ class RegistrationResult(NamedTuple):
     directions: Float[np.ndarray, "6 6"]
     seen: Bool[np.ndarray, "6"]
     center: Float[np.ndarray, "3"]
+    overlap: float

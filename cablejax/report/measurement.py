@@ -39,6 +39,9 @@ class Measured(Protocol):
     along_mm: Any
     angle_deg: Any
     budget: Any
+    free_section: Any
+    bend_verdicts: Any
+    irregularities: Any
     nominal: Mapping[str, float]
     verdict: str | None
     warnings: Sequence[str]
@@ -64,6 +67,14 @@ def measurement_page(measured: Measured, *, title: str, source: str, xyz_mm: np.
     if measured.nominal:
         rows = [[name, f"{100 * p:.1f} %"] for name, p in measured.nominal.items() if p >= 0.001]
         page.table(["Nominal size", "probability"], rows, caption=f"Verdict: {measured.verdict}")
+    if measured.irregularities:
+        rows = [
+            [one.kind, f"{one.from_mm:.0f} to {one.to_mm:.0f}", f"{one.change_mm:+.2f}"]
+            for one in measured.irregularities
+        ]
+        page.table(
+            ["Irregularity", "where along (mm)", "change of the diameter (mm)"], rows, caption="Off the local mean."
+        )
     magnify = _magnification(measured)
     page.section("Along the cable")
     with figure_style():
@@ -71,6 +82,7 @@ def measurement_page(measured: Measured, *, title: str, source: str, xyz_mm: np.
             _profile(measured),
             alt="Diameter of each section along the cable with its 95 % interval.",
             caption="Circles fitted to slabs along the axis, each with its 95 % interval; the band is the overall diameter's. "
+            "Triangles are the least and greatest diameter of each slab, where enough of it was seen. "
             f"Sections known to worse than {100 * WIDEST_SECTION:g} % are left out.",
         )
         page.figure(
@@ -81,7 +93,8 @@ def measurement_page(measured: Measured, *, title: str, source: str, xyz_mm: np.
         page.figure(
             _section(measured, magnify),
             alt="All points of the cable in the plane across its axis, with the fitted circle.",
-            caption="All points of the cable seen along its axis"
+            caption="All points of the cable seen along its axis, the fitted circle"
+            + ("" if measured.free_section is None else ", dashed the free-form section")
             + (f", deviations drawn {magnify:g} times as large as they are." if magnify > 1 else "."),
         )
     page.section("The scan")
@@ -112,15 +125,38 @@ def _quantities(m: Measured) -> list[list[str]]:
             ["least and greatest diameter", f"{m.minimum_mm:.3f} and {m.maximum_mm:.3f}", ""],
             ["ovality (%)", f"{100 * m.ovality:.2f}", f"± {100 * half:.2f}"],
         ]
+    rows += _shape(m)
     bend = "straight within its uncertainty" if m.bend_radius_mm is None else f"{m.bend_radius_mm:,.0f}"
     return [
         *rows,
         ["length", f"{m.length_mm:,.1f}", ""],
         ["least bend radius", bend, interval(m.bend_interval_mm, 0)],
+        *([f"bend radius of at least {name}", verdict, ""] for name, verdict in m.bend_verdicts.items()),
         ["circumference seen (degrees)", f"{m.arc_deg:.0f}", ""],
         ["noise about the surface", f"{m.noise_mm:.3f}", ""],
         ["points", f"{m.points:,}", ""],
     ]
+
+
+def _shape(m: Measured) -> list[list[str]]:
+    """Least and greatest diameter along the length, and the free-form section's sizes, where they are known."""
+    rows = []
+    low, high = (np.asarray(values, dtype=float) for values in (m.sections.minimum_mm, m.sections.maximum_mm))
+    known = np.isfinite(low) & (np.asarray(m.sections.oval_std_mm, dtype=float) < WIDEST_SECTION * m.diameter_mm)
+    if known.any():
+        share = 100 * (high - low)[known] / m.diameter_mm
+        rows += [
+            ["least and greatest of all sections", f"{low[known].min():.3f} and {high[known].max():.3f}", ""],
+            ["ovality of the sections, middle and greatest (%)", f"{np.median(share):.2f} and {share.max():.2f}", ""],
+        ]
+    if (free := m.free_section) is not None:
+        half = 1.96 * free.diameter_std_mm
+        rows += [
+            ["free-form section, by its perimeter", f"{free.diameter_mm:.3f}", f"± {half:.3f} from noise"],
+            ["between jaws, greatest and square to it", f"{free.square_mm[0]:.3f} and {free.square_mm[1]:.3f}", ""],
+            ["between jaws, least", f"{free.minimum_mm:.3f}", ""],
+        ]
+    return rows
 
 
 def _figure(width: float, height: float) -> "Figure":
@@ -135,6 +171,10 @@ def _profile(m: Measured) -> "Figure":
     s, d, std = (np.asarray(a, dtype=float) for a in (m.sections.s_mm, m.sections.diameter_mm, m.sections.std_mm))
     seen = np.isfinite(d) & (std < WIDEST_SECTION * m.diameter_mm)
     ax.errorbar(s[seen], d[seen], 1.96 * std[seen], fmt="o", ms=3, lw=1, capsize=0, color=COLORS[0], label="section")
+    for values, marker in ((m.sections.minimum_mm, "v"), (m.sections.maximum_mm, "^")):
+        edge = np.asarray(values, dtype=float)
+        drawn = seen & np.isfinite(edge)
+        ax.plot(s[drawn], edge[drawn], marker, ms=2.5, ls="none", color=COLORS[4])
     ax.axhspan(*m.interval_mm, color=COLORS[1], alpha=0.35, lw=0)
     ax.axhline(m.diameter_mm, color=COLORS[2], lw=1, ls="-", label="overall diameter and its 95 % interval")
     ax.set_xlabel("along the axis (mm)")
@@ -180,6 +220,10 @@ def _section(m: Measured, magnify: float) -> "Figure":
     )
     circle = np.linspace(0, 2 * np.pi, 400)
     ax.plot(radius * np.cos(circle), radius * np.sin(circle), color=COLORS[6], lw=1.2, ls="-")
+    if (free := m.free_section) is not None:
+        turn = np.radians(np.append(free.angle_deg, free.angle_deg[:1]))
+        shape = radius + magnify * (np.append(free.radius_mm, free.radius_mm[:1]) - radius)
+        ax.plot(shape * np.cos(turn), shape * np.sin(turn), color=COLORS[2], lw=1.0, ls="--")
     ax.set_xlim(-1.45 * radius, 1.45 * radius)
     ax.set_ylim(-1.45 * radius, 1.45 * radius)
     ax.set_aspect("equal")

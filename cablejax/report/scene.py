@@ -90,6 +90,7 @@ def scene_figure(
     figure.update_layout(
         scene={"aspectmode": "data", "camera": _camera(next(iter(clouds.values()))[0]), **axes},
         updatemenus=menu if len(names) > 1 else [],
+        modebar={"orientation": "v"},  # beside the scene: on a narrow page it would lie over the buttons
         margin={"l": 0, "r": 0, "t": 50, "b": 0},
     )
     return figure

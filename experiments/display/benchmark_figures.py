@@ -3,8 +3,8 @@
 import numpy as np
 
 from cablejax.report import COLORS, line_styles
-from experiments.display.benchmark_tables import Found, races
 from experiments.display.drawing import Drawing, new_figure
+from experiments.display.speed_tables import Found, races
 from experiments.results import Results
 
 HATCHES = ("", "//", "..", "xx")
@@ -42,8 +42,7 @@ def speed(found: Found) -> Drawing | None:
         figure,
         "Time of other libraries over ours for each kernel, on a logarithmic axis.",
         "Warm time of each peer over ours, on the same data in the same process; whiskers are the quartiles of the peer's runs. "
-        "Compiled search trees find neighbours faster than XLA does on a CPU; where neighbours are few and arithmetic is much, "
-        "as in the networks, the order is reversed.",
+        "Blue bars to the right: ours is the faster; orange bars to the left: the peer is.",
     )
 
 

@@ -9,6 +9,8 @@ from experiments.display.optimizer_figures import mark_paper
 from experiments.results import NAMES, Results
 from experiments.statistics import fluctuation
 
+NOTE_SHARE = 0.5  # height of the note under the loss curves, as a share of theirs
+
 
 def accuracy_curves(found: dict[str, Results]) -> Drawing:
     """Figures 5-8: overall and class-average accuracy on validation against training progress."""
@@ -34,7 +36,7 @@ def loss_curves(found: dict[str, Results]) -> Drawing:
     figure = _curves(found, metrics)
     for ax, metric, label in zip(figure.axes, metrics, ("(a) training", "(b) validation"), strict=True):
         ax.set_title(label, loc="left", fontsize=10)
-        ax.set_yscale("log")
+        plain_log_axis(ax)
         rough = [f"{NAMES[r.config('model.name')]} {_roughness(r, metric):.3f}" for r in found.values()]
         ax.annotate("fluctuation (nats)\n" + "\n".join(rough), (0.02, 0.02), xycoords="axes fraction", fontsize=8)
     figure.axes[0].set_ylabel("loss, cross entropy (nats)")
@@ -45,6 +47,18 @@ def loss_curves(found: dict[str, Results]) -> Drawing:
         f"Figures 9-12: loss of the same runs; {_bands(found)}. Fluctuation: root mean square of the loss about its mean over "
         "three epochs, over the second half of the run. A loss that has not begun to fall fluctuates little, too.",
     )
+
+
+def plain_log_axis(ax) -> None:
+    """A logarithmic axis with ticks in plain numbers, and room below the curves for a note."""
+    ax.set_yscale("log")
+    low, high = ax.get_ylim()
+    low *= (low / high) ** NOTE_SHARE
+    ticks = [digit * 10.0**power for power in range(-6, 3) for digit in (1, 2, 5)]
+    shown = [tick for tick in ticks if low <= tick <= high]
+    ax.set_yticks(shown, [f"{tick:g}" for tick in shown])
+    ax.minorticks_off()
+    ax.set_ylim(low, high)
 
 
 def _roughness(results: Results, metric: str) -> float:

@@ -35,7 +35,7 @@ def show(title: str, *, results: Path = RESULTS) -> None:
     this = section(title)
     found = this.read(results)
     if not found:
-        display(Markdown(f"*No results yet: `make {this.names[0]}` makes them.*"))
+        display(Markdown(f"*No results yet: `{_maker(this.names[0])}` makes them.*"))
         return
     for maker in this.tables:
         table = maker(found)
@@ -46,6 +46,11 @@ def show(title: str, *, results: Path = RESULTS) -> None:
             drawing = draw(found)
             if drawing is not None:
                 show_drawing(drawing)
+
+
+def _maker(name: str) -> str:
+    """The command that makes a results file."""
+    return f"python -m {name.replace('/', '.')}" if name.startswith("benchmarks/") else f"make {name}"
 
 
 def show_table(table: Table) -> None:

@@ -5,6 +5,8 @@ from html import escape
 
 from experiments.results import Results
 
+SHORT = 30  # letters that a cell may have and still stand on one line
+
 
 @dataclass
 class Table:
@@ -61,12 +63,8 @@ class Table:
         )
         lines = [f"<tr>{above}</tr>"] if self.groups else []
         for tag, row in [("th", self.header), *(("td", row) for row in self.rows)]:
-            cells = zip(row, side, strict=True)
-            lines.append(
-                "<tr>"
-                + "".join(f'<{tag} style="text-align: {at}">{escape(cell)}</{tag}>' for cell, at in cells)
-                + "</tr>"
-            )
+            cells = [_cell(tag, text, at) for text, at in zip(row, side, strict=True)]
+            lines.append(f"<tr>{''.join(cells)}</tr>")
         return "<table>\n" + "\n".join(lines) + "\n</table>"
 
     def _numeric(self, column: int) -> bool:
@@ -74,7 +72,19 @@ class Table:
         return all(len(row[column]) < 40 for row in self.rows)
 
 
+def _cell(tag: str, text: str, side: str) -> str:
+    """One cell of an HTML table; a number keeps its interval on its own line."""
+    whole = "; white-space: nowrap" if tag == "td" and len(text) <= SHORT else ""
+    return f'<{tag} style="text-align: {side}{whole}">{escape(text)}</{tag}>'
+
+
 def told(results: Results) -> str:
     """The size of a result's runs and their seeds, as captions say it."""
     seeds = len(results.seeds)
     return f"size {results.size}, {seeds} seed{'s' if seeds > 1 else ''}{', mean ± 95 % interval' if seeds > 1 else ''}"
+
+
+def schedule(results: Results) -> str:
+    """The schedule of the learning rate, as captions say it; results from before it could be chosen had none."""
+    name = results.raw["config"].get("training.schedule", "constant")
+    return "a constant rate" if name == "constant" else f"a rate that falls to 0 along half a {name}"

@@ -38,7 +38,8 @@ def trained(accuracy: float, rate: float) -> dict[str, object]:
 
 def results_file(folder: Path, name: str, config: dict, runs: list[dict]) -> None:
     fixed = {"dataset.sizes_mm2": [25, 150, 630], "dataset.n_points": 128, "dataset.version": "standard",
-             "training.epochs": 6, "tolerance_mm": 0.1, "scan.n_points": 3000, **config}  # fmt: skip
+             "dataset.train_per_class": 8, "training.batch_size": 8, "training.epochs": 6, "tolerance_mm": 0.1,
+             "scan.n_points": 3000, **config}  # fmt: skip
     write_json(folder / f"{name}.json", {
         "experiment": name, "size": "smoke", "seeds": [0, 1], "code_revision": "abc", "seconds": 9.0,
         "provenance": {"python": "3.11"}, "config": fixed, "runs": runs,

@@ -97,6 +97,21 @@ def test_collect_keeps_every_run_and_names_only_what_differs(config: schema.Conf
     assert "filter.k" not in result["config"]
 
 
+def test_every_run_of_a_results_file_can_be_composed_again(config: schema.Config):
+    """A key that only one filter has, None there, once stood among what all runs share, and verify broke on the others."""
+    for name in ("adaptive", "median"):
+        cfg = replace(compose_config("experiment=table1_filtering", f"filter={name}"), out=config.out)
+        runs.execute(task, cfg)
+    result = read_json(fold(config))
+    assert "filter.smooth_k" not in result["config"]
+    for row in result["runs"]:
+        again = schema.from_flat({**result["config"], **row["cell"], "seed": row["seed"], "out": config.out})
+        assert again.filter.name == row["cell"]["filter.name"]
+    # Files collected before that was mended hold the key.
+    old = {**result["config"], **result["runs"][1]["cell"], "filter.smooth_k": None, "seed": 0, "out": config.out}
+    assert schema.from_flat(old).filter.name == "median"
+
+
 def test_collect_refuses_missing_seeds(config: schema.Config):
     sweep(config, ks=(10, 20), seeds=(0, 1))
     sweep(config, ks=(10,), seeds=(2,))

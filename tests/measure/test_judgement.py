@@ -8,7 +8,8 @@ from cablejax.measure import Sections, bend_conformity, conformity, irregulariti
 
 def sections(diameter: np.ndarray, std: float = 0.01) -> Sections:
     n = len(diameter)
-    return Sections(np.arange(n) * 5.0, diameter, np.full(n, std), np.full(n, 180.0), np.full(n, 100.0))
+    wide = np.full(n, 180.0), np.full(n, 100.0), diameter - 0.1, diameter + 0.1, np.full(n, std)
+    return Sections(np.arange(n) * 5.0, diameter, np.full(n, std), *wide)
 
 
 @pytest.mark.parametrize(

@@ -3,10 +3,14 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.linalg import expm
+from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from cablejax.io import read_points
 from cablejax.registration import icp, register, surface_normals, voxel_means
+from cablejax.registration.normals import least_direction
+from cablejax.registration.voxels import voxel_pyramid
 from cablejax.types import PointCloud, Status
 from tests.reference.circles import bent_cable
 from tests.reference.icp import plane_icp
@@ -156,6 +160,55 @@ def test_voxel_means_are_the_means():
     cells = {tuple(cell): xyz[(np.floor(xyz) == cell).all(axis=1)].mean(axis=0) for cell in np.floor(xyz)}
     expected = np.array([cells[cell] for cell in sorted(cells)])
     np.testing.assert_allclose(means, expected, atol=1e-12)
+
+
+def test_coarser_levels_are_the_means_too():
+    xyz = np.random.default_rng(0).uniform(-3, 3, size=(500, 3))
+    coarse, fine = voxel_pyramid(xyz, [1.0, 0.5], k=8)
+    np.testing.assert_allclose(coarse.xyz, voxel_means(xyz, 1.0), atol=1e-12)
+    assert coarse.count.sum() == fine.count.sum() == 500
+    # The spread of a coarse voxel: its fine ones' own, and what their means scatter about its mean.
+    inside = (np.floor(fine.xyz) == np.floor(coarse.xyz[0])).all(axis=1)
+    off = fine.xyz[inside] - coarse.xyz[0]
+    np.testing.assert_allclose(coarse.spread[0, 0], (fine.spread[inside, 0] + off[:, 0] ** 2).mean(), atol=1e-12)
+
+
+def test_normals_are_the_eigenvectors():
+    rng = np.random.default_rng(0)
+    flat = rng.normal(size=(200, 3)) * [1.0, 0.5, 1e-3]
+    line = rng.normal(size=(50, 1)) * np.array([[1.0, 2.0, 3.0]])  # the closed form has no answer there
+    for xyz in (flat, line):
+        matrix = np.cov(xyz.T)
+        spread = np.array([[matrix[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]])
+        found = least_direction(spread)[0]
+        assert np.linalg.norm(found) == pytest.approx(1)
+        assert np.linalg.norm(matrix @ found) == pytest.approx(np.linalg.eigvalsh(matrix)[0], abs=1e-9)
+
+
+def test_partners_are_the_nearest_after_every_step(pair):
+    # Carried points must end where a tree that is asked at every step ends.
+    source, target, _ = pair
+    found = icp(source, target, method="point", max_distance=0.15, max_iterations=7)
+    T, tree = np.eye(4), KDTree(target)
+    for _ in range(7):
+        distance, near = tree.query(moved(T, source), distance_upper_bound=0.15)
+        p, q = moved(T, source)[np.isfinite(distance)], target[near[np.isfinite(distance)]]
+        T = gauss_newton_point(p, q) @ T
+    np.testing.assert_allclose(found.T_target_source, T, atol=2e-5)
+
+
+def gauss_newton_point(p: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """One step on |p + v + w x p - q|^2, written out."""
+    rows = np.concatenate(
+        [np.tile(np.eye(3), (len(p), 1)), np.concatenate([np.cross(np.eye(3), x).T for x in p])], axis=1
+    )
+    twist = np.linalg.lstsq(rows, (q - p).ravel(), rcond=None)[0]
+    center, hat = q.mean(axis=0), np.zeros((4, 4))
+    hat[:3, :3] = np.cross(np.eye(3), twist[3:])
+    hat[:3, 3] = twist[:3] + np.cross(twist[3:], center)
+    T, there = expm(hat), np.eye(4)
+    there[:3, 3] = center
+    return there @ T @ np.linalg.inv(there)
 
 
 def test_real_lidar_pair_from_the_identity(data_dir):
