@@ -152,7 +152,9 @@ def score_all(outputs: tuple[np.ndarray, ...], split: Clouds) -> Metrics:
     """Metrics of `predict`'s outputs against a split."""
     metrics = score(outputs[0], np.asarray(split.label))
     return (
-        metrics if len(outputs) == 1 else metrics._replace(diameter=diameter_score(*outputs[1:], diameters_of(split)))
+        metrics
+        if len(outputs) == 1
+        else metrics._replace(diameter=diameter_score(outputs[1], outputs[2], diameters_of(split)))
     )
 
 

@@ -48,6 +48,7 @@ def trained():
 def test_diameter_and_its_deviation_are_learnt_beside_the_classes(trained):
     found = evaluate(trained.model, sized(96, seed=2))
     assert found.overall > 0.8
+    assert found.diameter is not None
     spread = np.std(sized(96, seed=2).diameter_mm)
     # 0.5 mm of noise and a linear head on the coordinates' roots of mean squares; knowing nothing leaves the spread, 3.5.
     assert found.diameter.rmse_mm < 0.35 * spread
