@@ -31,8 +31,8 @@ def surface(results: Results) -> Drawing:
         "attention",
         figure,
         "Channel attention of each layer: sorted weights, and their mean at each point of the unrolled surface of three cables.",
-        f"Attention of a trained ADGCNN ({_told(results)}) on three test cables. Top: the weights of equation (12), sorted; it gives "
-        "one weight to a channel, not to a point. Below: each cable unrolled; colour is the mean weight of the channels, each "
+        f"Attention of a trained ADGCNN ({_told(results)}) on three test cables. Top: the weights of equation (12), sorted, each "
+        "of a channel, not of a point. Below: each cable unrolled; colour is the mean weight of the channels, each "
         "counted by its response at the point, on a scale of its own for each layer.",
     )
 
