@@ -11,6 +11,7 @@ about that size are given apart, since compilation is in them.
 """
 
 import argparse
+import json
 import os
 import time
 from collections.abc import Callable, Iterator
@@ -183,14 +184,15 @@ def side_by_side(draw: Callable[[int], Task], method: str, contenders: dict[str,
     ]
 
 
-def cases(data: str | None, most: int) -> Iterator[tuple[str, int, Callable[[int], Task]]]:
+def cases(data: str | None, least: int, most: int) -> Iterator[tuple[str, int, Callable[[int], Task]]]:
     """Name, points in each cloud and how to draw them."""
     if data is not None:
         folder = Path(data) / "registration" / "small_gicp"
-        yield "LiDAR pair, thinned", 10_000, lidar(folder, 10_000)
-        yield "LiDAR pair", 69_000, lidar(folder, None)
+        for name, n, drawn in (("LiDAR pair, thinned", 10_000, 10_000), ("LiDAR pair", 69_000, None)):
+            if least <= n <= most:
+                yield name, n, lidar(folder, drawn)
     for n, voxels in ((10_000, (12.0, 6.0, 3.0)), (100_000, (4.0, 2.0, 1.0)), (1_000_000, (2.0, 1.0, 0.5))):
-        if n <= most:
+        if least <= n <= most:
             yield "cable stations", n, stations(n, voxels)
 
 
@@ -200,13 +202,14 @@ def main() -> None:
     parser.add_argument("--data", default=os.environ.get("CABLEJAX_DATA"), help="real scans; default: $CABLEJAX_DATA")
     parser.add_argument("--rounds", type=int, default=7)
     parser.add_argument("--most", type=int, default=1_000_000, help="largest number of points")
+    parser.add_argument("--least", type=int, default=0, help="smallest number of points; rows of others are kept")
     parser.add_argument("--write", action="store_true", help=f"write {RESULT}")
     options = parser.parse_args()
     contenders: dict[str, Contender] = {"cablejax": ours, "Open3D": open3d_contender()}
     if (peer := small_gicp_contender()) is not None:
         contenders["small_gicp"] = peer
     rows = []
-    for name, n, draw in cases(options.data, options.most):
+    for name, n, draw in cases(options.data, options.least, options.most):
         for method in METHODS:
             for row in side_by_side(draw, method, contenders, options.rounds):
                 rows.append({"clouds": name, "points": n, **row})
@@ -218,6 +221,13 @@ def main() -> None:
     if options.write:
         config = {"rounds": options.rounds, "k_normals": 20}
         RESULT.parent.mkdir(parents=True, exist_ok=True)
+        if RESULT.is_file():
+            measured = {(row["clouds"], row["points"]) for row in rows}
+            old = json.loads(RESULT.read_text())["rows"]
+            rows = sorted(
+                [row for row in old if (row["clouds"], row["points"]) not in measured] + rows,
+                key=lambda row: (row["clouds"], row["points"]),
+            )
         write_json(RESULT, {"rows": rows, "provenance": provenance(seeds=[7], config=config)})
 
 

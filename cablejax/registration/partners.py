@@ -60,14 +60,16 @@ class Partners:
     ) -> None:
         n, self._source, self._tree, self._reach = len(source.xyz), source.xyz, tree, reach
         self._origin, self._size = scale
-        nowhere = np.array([[FAR, FAR, FAR, 0, 0, 0]])  # what the tree's row m, for no point, stands for
-        self._table = np.concatenate([np.concatenate(target, axis=1), nowhere]).astype(np.float32)
+        # One more point stands for none: the tree's row m.
+        self._points = np.append(target.xyz.T, np.full((3, 1), FAR), axis=1).astype(np.float32)
+        self._normals = np.append(target.normals.T, np.zeros((3, 1)), axis=1).astype(np.float32)
         size = padded_size(max(n, capacity))
         both = np.zeros((6, size), np.float32)
         both[:3, :n], both[3:, :n] = source.xyz.T, source.normals.T
         self._fixed = jnp.asarray(both[:3]), jnp.asarray(both[3:])
         self._valid = jnp.asarray(np.arange(size) < n)
-        self._near = np.full((CARRIED, 6, size), FAR, np.float32)
+        self._near = np.full((CARRIED, 3, size), FAR, np.float32)
+        self._near_normal = np.zeros((CARRIED, 3, size), np.float32)
         self._asked = np.zeros((3, size), np.float32)
         self._bound = np.full(size, np.inf, np.float32)
 
@@ -82,10 +84,13 @@ class Partners:
             distance_upper_bound=far,
             workers=-1 if len(moved) > 2000 else 1,
         )
-        self._near[:, :, rows] = self._table[near].transpose(1, 2, 0)
+        near = np.ascontiguousarray(near.T)
+        for axis in range(3):  # coordinate by coordinate: reads and writes of long rows
+            self._near[:, axis, rows] = self._points[axis][near]
+            self._near_normal[:, axis, rows] = self._normals[axis][near]
         self._asked[:, rows] = moved.T
         whole = self._tree.n <= CARRIED
         self._bound[rows] = np.inf if whole else np.minimum(distance[:, -1], far) * ((1 - 1e-6) / self._size)
         return jax.device_put(
-            Carried(*self._fixed, self._near[:, :3], self._near[:, 3:], self._asked, self._bound, self._valid)
+            Carried(*self._fixed, self._near, self._near_normal, self._asked, self._bound, self._valid)
         )

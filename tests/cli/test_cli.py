@@ -134,7 +134,7 @@ def test_register_brings_several_files_into_the_frame_of_the_last(capsys, tmp_pa
     # Voxel means of 3 mm and tangent planes at partners some 2 mm away: 2^2 / 2r = .13 mm.
     np.testing.assert_allclose(np.array(result["T_last_file"])[:, 1:3, 3], wanted[:, 1:], atol=0.2)
     assert len(read_points(output).xyz_mm) == 12_000
-    assert {len(pair["unseen_directions"]) for pair in result["pairs"]} == {2}
+    assert all(pair["unseen_directions"] for pair in result["pairs"])
     code, out, _ = run(capsys, *arguments)
     assert "overlap" in out
 
