@@ -4,7 +4,8 @@
 
 Two sources of clouds: the LiDAR pair of small_gicp (MIT) from the identity, whole and thinned at random to 10,000 points;
 and two stations of a simulated cable with two bends, 10,000 to 1,000,000 points each, from 2.5 mm and 1 degree off. Such
-a cable hardly shows a motion along its length, so the error is the one across it. All contenders thin to the same voxels,
+a cable shows 0.3 % of a motion along its length; `least_share` is set to 0.1 %, so that ours moves along it as the others
+do, and the error is the one across the cable. All contenders thin to the same voxels,
 level by level, and pair within the same reach; normals come from 20 neighbours, and of the target alone for
 point-to-plane. Rounds take turns and draw other points. The first call of a size and the first one on other clouds of
 about that size are given apart, since compilation is in them.
@@ -41,6 +42,7 @@ class Task(NamedTuple):
     unit_mm: float
     at: np.ndarray
     axes: tuple[int, ...]
+    least_share: float
 
 
 Contender = Callable[[Task, str], np.ndarray]
@@ -55,7 +57,7 @@ def lidar(folder: Path, n: int | None) -> Callable[[int], Task]:
     def draw(seed: int) -> Task:
         rng = np.random.default_rng(seed)
         clouds = [cloud if n is None else cloud[rng.permutation(len(cloud))[:n]] for cloud in (source, target)]
-        return Task(*clouds, truth, np.eye(4), (0.5, 0.25, 0.125), 4.0, 1000.0, np.zeros(3), (0, 1, 2))
+        return Task(*clouds, truth, np.eye(4), (0.5, 0.25, 0.125), 4.0, 1000.0, np.zeros(3), (0, 1, 2), 1e-2)
 
     return draw
 
@@ -80,14 +82,17 @@ def stations(n: int, voxels: tuple[float, ...]) -> Callable[[int], Task]:
     def draw(seed: int) -> Task:
         rng = np.random.default_rng(seed)
         clouds = [cloud[rng.permutation(len(cloud))[:n]] for cloud in (source, target)]
-        return Task(*clouds, truth, off @ truth, voxels, 2.0, 1.0, source.mean(axis=0), (1, 2))
+        return Task(*clouds, truth, off @ truth, voxels, 2.0, 1.0, source.mean(axis=0), (1, 2), 1e-3)
 
     return draw
 
 
 def ours(task: Task, method: Any) -> np.ndarray:
     """`cablejax.registration.register`."""
-    found = register(task.source, task.target, voxels=task.voxels, reach=task.reach, T_init=task.start, method=method)
+    found = register(
+        task.source, task.target, voxels=task.voxels, reach=task.reach, T_init=task.start, method=method,
+        least_share=task.least_share,
+    )  # fmt: skip
     return found.T_target_source
 
 
