@@ -57,7 +57,9 @@ def lidar(folder: Path, n: int | None) -> Callable[[int], Task]:
     def draw(seed: int) -> Task:
         rng = np.random.default_rng(seed)
         clouds = [cloud if n is None else cloud[rng.permutation(len(cloud))[:n]] for cloud in (source, target)]
-        return Task(*clouds, truth, np.eye(4), (0.5, 0.25, 0.125), 4.0, 1000.0, np.zeros(3), (0, 1, 2), 1e-2)
+        return Task(
+            clouds[0], clouds[1], truth, np.eye(4), (0.5, 0.25, 0.125), 4.0, 1000.0, np.zeros(3), (0, 1, 2), 1e-2
+        )
 
     return draw
 
@@ -82,7 +84,7 @@ def stations(n: int, voxels: tuple[float, ...]) -> Callable[[int], Task]:
     def draw(seed: int) -> Task:
         rng = np.random.default_rng(seed)
         clouds = [cloud[rng.permutation(len(cloud))[:n]] for cloud in (source, target)]
-        return Task(*clouds, truth, off @ truth, voxels, 2.0, 1.0, source.mean(axis=0), (1, 2), 1e-3)
+        return Task(clouds[0], clouds[1], truth, off @ truth, voxels, 2.0, 1.0, source.mean(axis=0), (1, 2), 1e-3)
 
     return draw
 

@@ -67,7 +67,9 @@ def register(
     for number, (size, near, far) in enumerate(zip(voxels, thin_source, thin_target, strict=True), 1):
         tolerance = TOLERANCE if number == len(voxels) else COARSE_TOLERANCE
         options = Options(method, kernel, max_iterations, tolerance, float(least_share))
-        clouds = [Oriented(level.xyz, level.normals()) for level in (near, far)]
-        result = between(*clouds, plain_tree(far.xyz), T, options, spacing=size, reach=reach * size, capacity=capacity)
+        near_cloud, far_cloud = (Oriented(level.xyz, level.normals()) for level in (near, far))
+        result = between(
+            near_cloud, far_cloud, plain_tree(far.xyz), T, options, spacing=size, reach=reach * size, capacity=capacity
+        )
         T = result.T_target_source
     return result
