@@ -50,7 +50,8 @@ def ours(name: str, data: tuple[np.ndarray, ...], k: int) -> tuple[Callable[[], 
 
     from cablejax.nets import build_model
     from cablejax.train import TrainConfig
-    from cablejax.train.engine import Engine, make_plan
+    from cablejax.train.batches import make_plan
+    from cablejax.train.engine import Engine
 
     xyz, mask, label = map(jnp.asarray, data)
     options = {} if name == "adgcnn" else {"dropout": 0.0}

@@ -27,13 +27,14 @@ def _restored(folder: Path, record: dict[str, Any]):
     from cablejax.io import restore_checkpoint
     from cablejax.nets import build_model
     from cablejax.train import TrainConfig
-    from cablejax.train.engine import Engine, make_plan
+    from cablejax.train.batches import make_plan
+    from cablejax.train.engine import Engine
 
     config, optimizer = record["config"], record["config"]["optimizer"]
     settings = TrainConfig(
         optimizer=optimizer["name"], learning_rate=optimizer["learning_rate"],
         optimizer_options=dict(optimizer["options"]), epochs=config["training"]["epochs"],
-        batch_size=config["training"]["batch_size"], keep_best=True,
+        batch_size=config["training"]["batch_size"], ema_decay=config["training"].get("ema_decay"), keep_best=True,
     )  # fmt: skip
     classes = len(config["dataset"]["sizes_mm2"])
     model = build_model(config["model"]["name"], classes, rngs=nnx.Rngs(0), **config["model"]["options"])
