@@ -73,6 +73,13 @@ $(EXPERIMENTS): $(VENV)/.run-stamp
 	@$(BIN)/python -m experiments.collect $@ --size $(SIZE)
 .PHONY: $(EXPERIMENTS)
 
+# The loss curves of Figures 9-12 are of the runs of Figures 5-8.
+fig9_alexnet_loss: fig5_alexnet
+fig10_vgg16_loss: fig6_vgg16
+fig11_resnet50_loss: fig7_resnet50
+fig12_adgcnn_loss: fig8_adgcnn
+.PHONY: fig9_alexnet_loss fig10_vgg16_loss fig11_resnet50_loss fig12_adgcnn_loss
+
 # Transfer starts from a network trained on ModelNet10, which CABLEJAX_DATA must hold.
 fig13_transfer: pretrain
 pretrain: $(VENV)/.run-stamp ## Train on ModelNet10 ($CABLEJAX_DATA), for fig13_transfer to start from

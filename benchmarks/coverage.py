@@ -78,6 +78,10 @@ def tables(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return out
 
 
+def _label(line: dict[str, Any]) -> str:
+    return f"{line['of']:g} degrees" if line["by"] == "arc_deg" else line["of"] or "all"
+
+
 def draw(table: list[dict[str, Any]], path: str) -> None:
     """Coverage of every group with its interval, beside the 93 to 97 % that are asked for."""
     from matplotlib.figure import Figure
@@ -93,7 +97,7 @@ def draw(table: list[dict[str, Any]], path: str) -> None:
         ax.axvspan(93, 97, alpha=0.2, lw=0, color="grey")
         bars = 100 * np.abs(ends - share[:, None]).T
         ax.errorbar(100 * share, range(len(lines)), xerr=bars, fmt="o", ms=4, lw=1)
-        ax.set_yticks(range(len(lines)), [f"{line['of'] or 'all'} ({line['scans']})" for line in lines])
+        ax.set_yticks(range(len(lines)), [f"{_label(line)} ({line['scans']})" for line in lines])
         ax.set_xlabel("coverage of the 95 % interval (%)")
         figure.savefig(path, dpi=150)
 

@@ -109,11 +109,6 @@ def warnings_about(result: CableMeasurement, find: Find, *, oval_arc_deg: float)
                 f"A second cable was found, of about {2 * second.radius_mm:.3g} mm over {second.length_mm:.4g} mm: the "
                 "longer and better one was measured. Cut the scan to measure the other."
             )
-    if result.noise_mm > 0.1 * result.diameter_mm:
-        out.append(
-            f"The points scatter by {result.noise_mm:.2g} mm about the surface, a tenth of the diameter or more: the "
-            "surface may not be that of a cable."
-        )
     if result.length_mm < 2 * result.diameter_mm:
         out.append("The piece is shorter than two diameters: a short round thing may be no cable at all.")
     return out

@@ -157,8 +157,8 @@ def _best(
     for way in find.walks:
         try:
             fitted = _fit(xyz, station, way, find.planes)
-        except MeasureError as error:
-            failure = failure or error
+        except MeasureError as error:  # nothing round there; where most is flat, that is the reason to give
+            failure = failure or (nothing_found(find) if find.flat_share > 0.5 else error)
             continue
         if fitted.fit.noise_mm > ROUGHEST * fitted.fit.radius_mm:
             failure = failure or too_rough(fitted.fit.noise_mm, fitted.fit.radius_mm)
@@ -320,7 +320,7 @@ def _assembled(
         angle_deg=painted.angle_deg,
         budget=lines,
         nominal=nominal,
-        free_section=free_section(fit, arc, bias),
+        free_section=free_section(fit, bias),
         verdict=None if catalogue is None else verdict(nominal, diameter, nominal_std, catalogue),
     )
     result.warnings.extend(warnings_about(result, find, oval_arc_deg=settings.oval_arc_deg))

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cablejax.measure.fit import CableFit, tukey
+from cablejax.measure.sections import arc_of
 
 WAVES = 12  # highest harmonic of the radius over the angle: features of 30 degrees and wider
 WHOLE_DEG = 345.0  # circumference that must be seen: the curve has no place to guess
@@ -39,7 +40,7 @@ def _harmonics(angle: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n h"]:
     return np.concatenate([np.ones((len(angle), 1)), np.cos(turns), np.sin(turns)], axis=1)
 
 
-def free_section(fit: CableFit, arc_deg: float, bias_mm: float) -> FreeSection | None:
+def free_section(fit: CableFit, bias_mm: float) -> FreeSection | None:
     """Fit the radius as a Fourier series of the angle, by reweighted least squares over all points.
 
     Harmonics that do not stand out of their noise are shrunk (James and Stein 1961): c (1 - s^2 / c^2) where the pair's
@@ -47,14 +48,14 @@ def free_section(fit: CableFit, arc_deg: float, bias_mm: float) -> FreeSection |
 
     Args:
         fit: The fit of axis and radius.
-        arc_deg: Circumference seen.
-        bias_mm: What noise along the beams has added to the diameter; taken off.
+        bias_mm: What noise along the beams has added to the diameter, by the scatter about a circle; taken off in the
+            measure of the scatter about the shape.
 
     Returns:
         None where less than the whole circumference was seen.
     """
     angle = np.arctan2(fit.place.v, fit.place.u)
-    if arc_deg < WHOLE_DEG or len(angle) < 20 * (2 * WAVES + 1):
+    if arc_of(angle[fit.weight > 0]) < WHOLE_DEG or len(angle) < 20 * (2 * WAVES + 1):
         return None
     columns, change = _harmonics(angle), np.zeros(2 * WAVES + 1)
     inverse, scale = np.eye(2 * WAVES + 1), fit.noise_mm
@@ -71,7 +72,7 @@ def free_section(fit: CableFit, arc_deg: float, bias_mm: float) -> FreeSection |
     change = np.concatenate([change[:1], keep * cosine, keep * sine])
     turn = np.radians(np.arange(180) * 2.0)
     around = _harmonics(turn)
-    radius = fit.radius_mm + around @ change - 0.5 * bias_mm
+    radius = fit.radius_mm + around @ change - 0.5 * bias_mm * (scale / fit.noise_mm) ** 2
     std = scale * np.sqrt(np.einsum("ah,hg,ag->a", around, inverse, around))
     return _sizes(turn, radius, std, 2 * float(np.sqrt(variance[0])))
 

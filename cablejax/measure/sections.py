@@ -116,7 +116,9 @@ def _slabs(
     change, covariance = np.full((count, c), np.nan), np.full((count, c, c), np.nan)
     inverse = np.linalg.inv(normal[good])
     change[good] = np.einsum("mij,mj->mi", inverse, right[good])
-    covariance[good] = fit.noise_mm**2 * inverse
+    left = fit.residual_mm - np.einsum("cn,nc->n", columns, change[slab])
+    left = np.abs(left[(weight > 0) & np.isfinite(left)])
+    covariance[good] = (1.4826 * float(np.median(left)) if len(left) else 0.0) ** 2 * inverse
     return change, covariance
 
 

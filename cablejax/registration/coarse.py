@@ -7,7 +7,7 @@ from jaxtyping import Float, Int, Num
 from scipy.spatial import KDTree
 
 from cablejax.registration.features import point_features
-from cablejax.registration.normals import plain_tree, surface_normals
+from cablejax.registration.normals import nearest, plain_tree, surface_normals
 from cablejax.registration.partners import Oriented
 from cablejax.registration.voxels import voxel_means
 
@@ -63,8 +63,8 @@ def coarse_start(
 
 def _matches(own: np.ndarray, other: np.ndarray) -> tuple[Int[np.ndarray, " c"], Int[np.ndarray, " c"]]:
     """Rows of both clouds whose features are nearest each other, the nearest for either side."""
-    there = KDTree(other).query(own, workers=-1)[1]
-    back = KDTree(own).query(other, workers=-1)[1]
+    there = np.asarray(KDTree(other).query(own, workers=-1)[1])
+    back = np.asarray(KDTree(own).query(other, workers=-1)[1])
     first = np.concatenate([np.arange(len(own)), back])
     second = np.concatenate([there, np.arange(len(other))])
     both = np.unique(np.stack([first, second], axis=1), axis=0)
@@ -115,13 +115,13 @@ def _best(motions: np.ndarray, moving: Oriented, fixed: Oriented, tree: KDTree, 
     for T in motions:
         for _ in range(5):
             xyz = moving.xyz[sample] @ T[:3, :3].T + T[:3, 3]
-            distance, near = tree.query(xyz, distance_upper_bound=2 * reach, workers=-1)
+            distance, near = (found[:, 0] for found in nearest(tree, xyz, k=1, reach=2 * reach))
             rows = np.isfinite(distance)
             if rows.sum() < 6:
                 break
             T = _kabsch(xyz[rows][None], fixed.xyz[near[rows]][None])[0] @ T
         xyz, normals = moving.xyz[sample] @ T[:3, :3].T + T[:3, 3], moving.normals[sample] @ T[:3, :3].T
-        distance, near = tree.query(xyz, distance_upper_bound=reach, workers=-1)
+        distance, near = (found[:, 0] for found in nearest(tree, xyz, k=1, reach=reach))
         there = fixed.normals[np.minimum(near, len(fixed.xyz) - 1)]
         on = np.isfinite(distance) & (np.abs(np.sum(there * normals, axis=1)) > 0.8)
         if on.mean() > best.overlap:

@@ -4,6 +4,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
+from cablejax.registration.normals import nearest
 from cablejax.registration.partners import Oriented
 
 BINS = 11
@@ -32,7 +33,7 @@ def point_features(cloud: Oriented, tree: KDTree, *, k: int) -> Float[np.ndarray
         tree: Over its points.
         k: Neighbours.
     """
-    distance, near = tree.query(cloud.xyz, k=range(2, min(k + 1, len(cloud.xyz)) + 1), workers=-1)
+    distance, near = (found[:, 1:] for found in nearest(tree, cloud.xyz, k=min(k + 1, len(cloud.xyz))))
     own = _own(cloud, distance, near)
     weight = distance[:, :1] / np.maximum(distance, 1e-12)
     weight /= weight.sum(axis=1, keepdims=True)

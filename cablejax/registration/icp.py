@@ -198,7 +198,7 @@ def _aligned(
     numbers = [jnp.float32(value) for value in (reach, least_move, options.least_share)]
     carried, done = partners.ask(T, None), 0
     while True:
-        limits = Limits(*numbers, jnp.int32(options.max_iterations - done))
+        limits = Limits(numbers[0], numbers[1], numbers[2], jnp.int32(options.max_iterations - done))
         state: State = steps(carried, jnp.asarray(T, jnp.float32), limits, method=options.method, kernel=options.kernel)
         T, done = _orthonormal(np.asarray(state.T_target_source, dtype=np.float64)), done + int(state.done)
         if not bool(state.doubtful) or done >= options.max_iterations:

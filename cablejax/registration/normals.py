@@ -1,7 +1,7 @@
 """Normals of a cloud, on the host."""
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
 LINE = 1e-3  # squared length of the longest product of rows below which the closed form loses the direction
@@ -25,9 +25,18 @@ def plain_tree(xyz: Float[np.ndarray, "n 3"]) -> KDTree:
     return KDTree(xyz, leafsize=24, balanced_tree=False, compact_nodes=False)
 
 
+def nearest(
+    tree: KDTree, xyz: Float[np.ndarray, "n 3"], *, k: int, reach: float = np.inf
+) -> tuple[Float[np.ndarray, "n k"], Int[np.ndarray, "n k"]]:
+    """Distances and rows of the `k` nearest points; inf and the number of points where there are fewer within `reach`."""
+    # Threads cost more than they bring for few questions.
+    distance, near = tree.query(xyz, k=k, distance_upper_bound=reach, workers=-1 if len(xyz) > 2000 else 1)
+    return np.asarray(distance).reshape(-1, k), np.asarray(near).reshape(-1, k)
+
+
 def spread_of(xyz: Float[np.ndarray, "n 3"], tree: KDTree, *, k: int) -> Float[np.ndarray, "n 6"]:
     """Covariance of the `k` nearest points about each point: its entries xx, yy, zz, xy, xz, yz `[n, 6]`."""
-    _, near = tree.query(xyz, k=range(1, min(k, len(xyz)) + 1), workers=-1)
+    _, near = nearest(tree, xyz, k=min(k, len(xyz)))
     near = np.ascontiguousarray(near.T)  # sums over the neighbours are then sums of long rows
     x, y, z = (column[near] - column for column in (np.ascontiguousarray(column) for column in xyz.T))
     x, y, z = (values - values.mean(axis=0) for values in (x, y, z))

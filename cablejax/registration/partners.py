@@ -6,13 +6,13 @@ them is within (distance to the k-th) - d. Close to the solution hardly any poin
 
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial import KDTree
 
 from cablejax.registration.loop import Carried
+from cablejax.registration.normals import nearest
 
 CARRIED = 4  # nearest target points that each source point carries along
 FURTHER = 1.25  # reaches within which the tree looks: what lies beyond is not soon a partner
@@ -60,14 +60,16 @@ class Partners:
     ) -> None:
         n, self._source, self._tree, self._reach = len(source.xyz), source.xyz, tree, reach
         self._origin, self._size = scale
-        nowhere = np.array([[FAR, FAR, FAR, 0, 0, 0]])  # what the tree's row m, for no point, stands for
-        self._table = np.concatenate([np.concatenate(target, axis=1), nowhere]).astype(np.float32)
+        # One more point stands for none: the tree's row m.
+        self._points = np.append(target.xyz.T, np.full((3, 1), FAR), axis=1).astype(np.float32)
+        self._normals = np.append(target.normals.T, np.zeros((3, 1)), axis=1).astype(np.float32)
         size = padded_size(max(n, capacity))
         both = np.zeros((6, size), np.float32)
         both[:3, :n], both[3:, :n] = source.xyz.T, source.normals.T
         self._fixed = jnp.asarray(both[:3]), jnp.asarray(both[3:])
         self._valid = jnp.asarray(np.arange(size) < n)
-        self._near = np.full((CARRIED, 6, size), FAR, np.float32)
+        self._near = np.full((CARRIED, 3, size), FAR, np.float32)
+        self._near_normal = np.zeros((CARRIED, 3, size), np.float32)
         self._asked = np.zeros((3, size), np.float32)
         self._bound = np.full(size, np.inf, np.float32)
 
@@ -76,16 +78,14 @@ class Partners:
         rows = slice(0, len(self._source)) if which is None else np.flatnonzero(which)
         moved = self._source[rows] @ T[:3, :3].T + T[:3, 3]
         far = FURTHER * self._reach * self._size
-        distance, near = self._tree.query(
-            self._origin + self._size * moved,
-            k=range(1, CARRIED + 1),
-            distance_upper_bound=far,
-            workers=-1 if len(moved) > 2000 else 1,
-        )
-        self._near[:, :, rows] = self._table[near].transpose(1, 2, 0)
+        distance, near = nearest(self._tree, self._origin + self._size * moved, k=CARRIED, reach=far)
+        near = np.ascontiguousarray(near.T)
+        for axis in range(3):  # coordinate by coordinate: reads and writes of long rows
+            self._near[:, axis, rows] = self._points[axis][near]
+            self._near_normal[:, axis, rows] = self._normals[axis][near]
         self._asked[:, rows] = moved.T
         whole = self._tree.n <= CARRIED
         self._bound[rows] = np.inf if whole else np.minimum(distance[:, -1], far) * ((1 - 1e-6) / self._size)
-        return jax.device_put(
-            Carried(*self._fixed, self._near[:, :3], self._near[:, 3:], self._asked, self._bound, self._valid)
-        )
+        changing = (jnp.asarray(array) for array in (self._near, self._near_normal, self._asked, self._bound))
+        near_points, near_normals, asked, bound = changing
+        return Carried(self._fixed[0], self._fixed[1], near_points, near_normals, asked, bound, self._valid)

@@ -28,6 +28,7 @@ def register(
     kernel: Kernel = "none",
     max_iterations: int = 60,
     start: str = "given",
+    least_share: float | int = LEAST_SHARE,
 ) -> RegistrationResult:
     """`icp` on ever finer clouds, each level from where the one before ended.
 
@@ -38,6 +39,7 @@ def register(
         reach: Largest distance between partners, in voxels.
         T_init: Where to begin; the identity if None.
         method, kernel, max_iterations: As in `icp`.
+        least_share: As in `icp`: what counts as unseen.
         start: "given" for `T_init`, "features" where nothing is known of the pose: `coarse_start` at the coarsest voxel.
 
     Returns:
@@ -64,8 +66,10 @@ def register(
     result = nothing(T, 0, 0)
     for number, (size, near, far) in enumerate(zip(voxels, thin_source, thin_target, strict=True), 1):
         tolerance = TOLERANCE if number == len(voxels) else COARSE_TOLERANCE
-        options = Options(method, kernel, max_iterations, tolerance, LEAST_SHARE)
-        clouds = [Oriented(level.xyz, level.normals()) for level in (near, far)]
-        result = between(*clouds, plain_tree(far.xyz), T, options, spacing=size, reach=reach * size, capacity=capacity)
+        options = Options(method, kernel, max_iterations, tolerance, float(least_share))
+        near_cloud, far_cloud = (Oriented(level.xyz, level.normals()) for level in (near, far))
+        result = between(
+            near_cloud, far_cloud, plain_tree(far.xyz), T, options, spacing=size, reach=reach * size, capacity=capacity
+        )
         T = result.T_target_source
     return result

@@ -19,7 +19,7 @@ class Thinned(NamedTuple):
     """
 
     xyz: Float[np.ndarray, "m 3"]
-    count: Float[np.ndarray, " m"]
+    count: Float[np.ndarray, " m"]  # pyright: ignore[reportIncompatibleMethodOverride]
     spread: Float[np.ndarray, "m 6"]
 
     def normals(self) -> Float[np.ndarray, "m 3"]:

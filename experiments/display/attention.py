@@ -31,26 +31,35 @@ def surface(results: Results) -> Drawing:
         "attention",
         figure,
         "Channel attention of each layer: sorted weights, and their mean at each point of the unrolled surface of three cables.",
-        "Attention of a trained ADGCNN on three test cables. Top: the weights of equation (12), sorted; equation (12) gives one "
-        "weight to a channel, not to a point. Below: each cable unrolled; colour is the mean weight of the channels, each "
+        f"Attention of a trained ADGCNN ({_told(results)}) on three test cables. Top: the weights of equation (12), sorted, each "
+        "of a channel, not of a point. Below: each cable unrolled; colour is the mean weight of the channels, each "
         "counted by its response at the point, on a scale of its own for each layer.",
     )
+
+
+def _told(results: Results) -> str:
+    run, config = results.raw["run"]["experiment"], results.raw["config"]
+    return f"of `{run}`, size {results.size}, {config['optimizer.name']}, {config['training.epochs']} epochs"
 
 
 def _surfaces(figure, axes, clouds: list[dict], layer: int) -> None:
     """One layer's column: a cable in each row, one colour scale."""
     values = np.concatenate([cloud["points"][layer] for cloud in clouds])
     low, high = np.percentile(values, [2, 98])
+    reach = 1.05 * max(np.abs(cloud["along_mm"]).max() for cloud in clouds)
+    drawn = None
     for ax, cloud in zip(axes, clouds, strict=True):
         drawn = ax.scatter(
             cloud["along_mm"], cloud["angle_deg"], c=cloud["points"][layer], s=5, cmap="viridis", vmin=low, vmax=high
         )
         ax.set_ylim(-180, 180)
         ax.set_yticks([-180, 0, 180])
-        ax.set_xlim(-65, 65)
+        ax.set_xlim(-reach, reach)
         if layer == 0:
             ax.set_ylabel(f"{cloud['size_mm2']:g} mm²\nangle (degrees)", fontsize=9)
     axes[-1].set_xlabel("along (mm)", fontsize=9)
+    assert drawn is not None
     bar = figure.colorbar(drawn, ax=list(axes), orientation="horizontal", aspect=14, pad=0.02)
     bar.ax.tick_params(labelsize=8)
     bar.ax.locator_params(nbins=3)
+    bar.set_label("mean weight", fontsize=9)

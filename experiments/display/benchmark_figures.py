@@ -9,6 +9,11 @@ from experiments.results import Results
 
 HATCHES = ("", "//", "..", "xx")
 EVEN = 1.0
+SCALED = {
+    "open3d": "Open3D",
+    "scipy search": "SciPy, search alone",
+    "pykdtree search": "pykdtree, search alone",
+}
 
 
 def speed(found: Found) -> Drawing | None:
@@ -55,10 +60,10 @@ def scaling(results: Results) -> Drawing:
         rows = [row for row in results.raw["rows"] if row["contender"] == name]
         points = [row["points"] for row in rows]
         for ax, key in zip(axes, ("run_s", "peak_gb"), strict=True):
-            ax.loglog(points, [row[key] for row in rows], marker="o", ms=4, label=name, **style)
-    for ax, label in zip(axes, ("seconds, warm", "peak memory of the process (GB)"), strict=True):
+            ax.loglog(points, [row[key] for row in rows], marker="o", ms=4, label=SCALED.get(name, name), **style)
+    for ax, title in zip(axes, ("(a) warm run (s)", "(b) peak memory of the process (GB)"), strict=True):
         ax.set_xlabel("points")
-        ax.set_ylabel(label)
+        ax.set_title(title, loc="left", fontsize=10)
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
     return Drawing(
         "scaling",

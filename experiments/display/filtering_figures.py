@@ -7,6 +7,7 @@ import numpy as np
 from cablejax.report import COLORS, line_styles, point_views
 from experiments import paper
 from experiments.display.drawing import Drawing, new_figure
+from experiments.display.filtering_tables import NOISES
 from experiments.results import NAMES, Results
 
 if TYPE_CHECKING:
@@ -46,7 +47,7 @@ def removal(results: Results) -> Drawing:
     """Table 1: how well each filter finds the outliers."""
     figure = new_figure(6.6, 3.2)
     ax: Axes = figure.subplots()
-    noises = results.values("noise.kind")
+    noises = [noise for noise in NOISES if noise in results.values("noise.kind")]
     names = [name for name in paper.TABLE_1 if name in results.values("filter.name")]
     for i, (name, marker) in enumerate(zip(names, ("o", "s", "^", "D"), strict=False)):
         values = [results.mean("f1", filter__name=name, noise__kind=noise) for noise in noises]

@@ -67,6 +67,12 @@ FURTHER = (
         (of("benchmarks/parsers", benchmark_tables.readers), of("benchmarks/fuzz", benchmark_tables.damaged)),
     ),
     Section(
+        "Accuracy",
+        "The diameter on simulated scans of every size, beside the straight cylinder that is commonly fitted.",
+        ("benchmarks/measure",),
+        (of("benchmarks/measure", measure_tables.accuracy),),
+    ),
+    Section(
         "Coverage",
         "Whether the 95 % interval of the diameter holds the truth in 95 of 100 scans.",
         ("benchmarks/coverage",),

@@ -69,6 +69,7 @@ def races(found: Found) -> Iterator[Race]:
 
 
 def _races(table: dict[str, Any]) -> Iterator[Race]:
+    title: str = table["title"]
     config, rows = table["config"], table["contenders"]
     work = ", ".join(
         f"k {config[key]}" if key == "k" else f"{config[key]:,} {key.replace('_', ' ')}"
@@ -78,8 +79,10 @@ def _races(table: dict[str, Any]) -> Iterator[Race]:
     ours = next(iter(rows.values()))["median_s"]
     for name, row in rows.items():
         low, high = row["quartiles_s"]
-        task = TASKS.get(table["title"], table["title"])
-        yield Race(task, work, LIBRARIES.get(name, name), row["median_s"], (low, high), row["first_call_extra_s"], ours)
+        task = TASKS.get(title, title)
+        yield Race(
+            task, work, LIBRARIES.get(name, str(name)), row["median_s"], (low, high), row["first_call_extra_s"], ours
+        )
 
 
 def speed(found: Found) -> Table | None:

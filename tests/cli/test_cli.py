@@ -120,6 +120,58 @@ def test_register_writes_the_moved_scan(capsys, scan, tmp_path):
     assert np.abs(np.hypot(*read_points(back).xyz_mm[:, 1:].T) - 15).mean() < 0.15
 
 
+def test_register_brings_several_files_into_the_frame_of_the_last(capsys, tmp_path):
+    wanted, names = np.array([[0.0, 0.3, -0.2], [0.0, -0.2, 0.1], [0.0, 0.0, 0.0]]), []
+    for number, shift in enumerate(wanted):
+        names.append(str(tmp_path / f"{number}.ply"))
+        write_points(names[-1], bent_cable(n=4000, seed=number, arc_deg=200.0) - shift)
+    output = tmp_path / "all.ply"
+    arguments = ("register", *names, "--unit", "mm", "--voxels", "3", "--output", str(output))
+    code, out, _ = run(capsys, *arguments, "--json")
+    result = json.loads(out)
+    assert code == 0
+    assert np.array(result["T_last_file"])[2].tolist() == np.eye(4).tolist()
+    # Voxel means of 3 mm and tangent planes at partners some 2 mm away: 2^2 / 2r = .13 mm.
+    np.testing.assert_allclose(np.array(result["T_last_file"])[:, 1:3, 3], wanted[:, 1:], atol=0.2)
+    assert len(read_points(output).xyz_mm) == 12_000
+    assert all(pair["unseen_directions"] for pair in result["pairs"])
+    code, out, _ = run(capsys, *arguments)
+    assert "overlap" in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (["a.ply"], "scans: expected two files or more, got 1"),
+        (["a.ply", "b.ply", "c.ply"], "--voxels: are needed for more than two scans"),
+        (["a.ply", "b.ply", "--start", "features"], "--voxels: are needed"),
+    ],
+)
+def test_register_says_what_it_lacks(capsys, arguments, reason):
+    code, _, err = run(capsys, "register", *arguments, "--unit", "mm")
+    assert (code, reason in err) == (1, True)
+
+
+def test_register_of_scans_far_apart_says_what_helps(capsys, scan, tmp_path):
+    far = tmp_path / "far.ply"
+    write_points(far, bent_cable(n=2000) + 1e4)
+    code, _, err = run(capsys, "register", str(far), scan, "--unit", "mm", "--quiet")
+    assert (code, "too few points lie near the target: give --max-distance, or --start features" in err) == (1, True)
+
+
+def test_report_writes_the_page(capsys, scan, tmp_path):
+    code, out, _ = run(capsys, "report", scan, str(tmp_path / "page.html"), "--unit", "mm", "--quiet")
+    text = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert code == 0
+    assert "diameter" in out
+    for wanted in (
+        "bend radius of at least 12 D",
+        "bend radius of at least 20 D",
+        "least and greatest of all sections",
+    ):
+        assert wanted in text
+
+
 REFUSALS = {
     "missing.ply": "does not exist",
     "empty.ply": "is empty",

@@ -43,7 +43,9 @@ def test_figure_has_a_row_for_each_cloud_and_a_column_for_each_layer(tmp_path):
     rng = np.random.default_rng(0)
     cloud = {"size_mm2": 25.0, "along_mm": [0.0, 1.0], "angle_deg": [0.0, 90.0],
              "points": rng.random((4, 2)).tolist(), "channels": rng.random((4, 8)).tolist()}  # fmt: skip
-    write_json(tmp_path / "attention.json", {"clouds": [cloud, cloud]})
+    config = {"optimizer.name": "adadelta", "training.epochs": 6}
+    run = {"experiment": "fig8_adgcnn"}
+    write_json(tmp_path / "attention.json", {"clouds": [cloud, cloud], "run": run, "config": config, "size": "smoke"})
     results = Results.read(tmp_path, "attention")
     assert results is not None
     with figure_style():

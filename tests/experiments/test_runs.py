@@ -77,10 +77,12 @@ def sweep(config: schema.Config, *, ks: tuple[int, ...], seeds: tuple[int, ...])
     return Path(config.out)
 
 
-def fold(config: schema.Config, **options: object) -> Path:
-    settings = {"revision": None, "allow_dirty": True} | options
+def fold(config: schema.Config, *, allow_dirty: bool = True, revision: str | None = None) -> Path:
     out = Path(config.out).parent / "results"
-    return collect.collect(config.name, size="quick", runs=Path(config.out), out=out, **settings)
+    runs_folder = Path(config.out)
+    return collect.collect(
+        config.name, size="quick", runs=runs_folder, out=out, revision=revision, allow_dirty=allow_dirty
+    )
 
 
 def test_collect_keeps_every_run_and_names_only_what_differs(config: schema.Config):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cablejax.measure import MeasureError, measure_cable
+from cablejax.measure import MeasureError, MeasureSettings, measure_cable
 from tests.reference.circles import bent_cable
 
 RNG = np.random.default_rng(5)
@@ -39,6 +39,46 @@ def test_a_plane_instead_of_a_cable(noise):
 def test_an_arc_too_small_says_how_small():
     with pytest.raises(MeasureError, match=r"shows (20|25|30|35) degrees of the circumference, and at least 40"):
         measure_cable(bent_cable(arc_deg=25.0, noise=0.02))
+
+
+def test_nothing_round_at_all():
+    with pytest.raises(MeasureError, match=r"No cable found: |The diameter cannot be told: over"):
+        measure_cable(RNG.uniform(-100, 100, size=(400, 3)))
+
+
+def test_an_arc_that_drowns_in_its_noise():
+    # 60 degrees of a radius of 15 mm curve by 2 mm.
+    with pytest.raises(MeasureError, match=r"The diameter cannot be told: over the \d+ degrees .* scatter by"):
+        measure_cable(bent_cable(arc_deg=60.0, noise=0.9, n=3000))
+
+
+def test_a_diameter_that_is_open_by_its_budget():
+    with pytest.raises(
+        MeasureError, match=r"The diameter cannot be told: .* mm with a standard uncertainty of 9\d* mm"
+    ):
+        measure_cable(bent_cable(), settings=MeasureSettings(filter_std_mm=9.0))
+
+
+def test_points_about_a_cable_rather_than_on_it():
+    with pytest.raises(MeasureError, match=r"No cable found: .*points|The diameter cannot be told"):
+        measure_cable(bent_cable(noise=7.0, arc_deg=360.0))
+
+
+def test_two_planes():
+    plane = np.stack([RNG.uniform(0, 500, 5000), RNG.uniform(0, 400, 5000), np.zeros(5000)], axis=1)
+    wall = plane[:, [0, 2, 1]] + [0, 400, 0]
+    with pytest.raises(MeasureError, match=r"lie on (2 planes|a plane)"):
+        measure_cable(np.vstack([plane, wall]))
+
+
+def test_a_pole_is_no_cable():
+    result = measure_cable(bent_cable() * 12)
+    assert any("thicker than any power cable: this is a pole" in warning for warning in result.warnings)
+
+
+def test_a_short_piece_is_warned_of():
+    result = measure_cable(bent_cable(length=45.0))
+    assert any("shorter than two diameters" in warning for warning in result.warnings)
 
 
 def test_wrong_shape_is_a_plain_value_error():
