@@ -85,12 +85,9 @@ fig13_transfer: pretrain
 pretrain: $(VENV)/.run-stamp ## Train on ModelNet10 ($CABLEJAX_DATA), for fig13_transfer to start from
 	@$(BIN)/python -m experiments.pretrain size=$(SIZE)
 
-real_scans: $(VENV)/.run-stamp ## Measure the real scans of $CABLEJAX_DATA
-	@$(BIN)/python -m experiments.real_scans
-
 attention: $(VENV)/.run-stamp ## Channel attention of a trained network: RUN=folder of a finished run of fig8_adgcnn
 	@$(BIN)/python -m experiments.attention "$(RUN)"
-.PHONY: pretrain real_scans attention
+.PHONY: pretrain attention
 
 results: $(OWN) $(TRAINED) figures ## Make the committed results anew (clean checkout; SIZE=paper for the long form)
 

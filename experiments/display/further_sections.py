@@ -85,7 +85,7 @@ FURTHER = (
     Section(
         "Real scans",
         "Round things from public test data.",
-        ("real_scans",),
-        (of("real_scans", measure_tables.real_scans),),
+        ("benchmarks/measure",),
+        (of("benchmarks/measure", measure_tables.real_scans),),
     ),
 )

@@ -89,26 +89,28 @@ def groups(results: Results) -> list[dict]:
     return [row for row in table if row["by"] not in alone]
 
 
-def real_scans(results: Results) -> Table:
+def real_scans(results: Results) -> Table | None:
     """Real scans, none of which is a cable: measured, and what is known of them."""
-    rows = []
-    for row in results.raw["rows"]:
-        measured = row.get("diameter_mm")
-        rows.append(
-            [
-                row["what"],
-                f"{row['points']:,}",
-                "refused" if measured is None else f"{measured:.1f}",
-                "" if measured is None else "{:.1f} to {:.1f}".format(*row["interval_mm"]),
-                row["known"],
-                row["error"] if measured is None else "; ".join(row["warnings"]),
-                f"{row['seconds']:.1f}",
-            ]
-        )
+    rows = [_real_scan(row) for row in results.raw["table"] if row["row"] == "real file"]
+    if not rows:
+        return None
     return Table(
         "Real scans",
-        ["What", "points", "diameter (mm)", "95 % interval (mm)", "known", "what the measurement says of itself", "s"],
+        ["What", "points", "diameter (mm)", "95 % interval (mm)", "known", "what the measurement says of itself"],
         rows,
         "No public scan of a power cable with a diameter by calliper is known to us. These are round things from public test "
         "data, and what is known of them is another program's value, not a calliper's.",
     )
+
+
+def _real_scan(row: dict) -> list[str]:
+    measured = row.get("diameter_mm")
+    known = "" if row["known_mm"] is None else f"{row['known_mm']:g} mm: "
+    return [
+        row["what"],
+        f"{row['points']:,}",
+        "refused" if measured is None else f"{measured:.1f}",
+        "" if measured is None else "{:.1f} to {:.1f}".format(*row["interval_mm"]),
+        known + row["known_from"],
+        row["refused"] if measured is None else "; ".join(row["warnings"]),
+    ]

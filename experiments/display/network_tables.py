@@ -42,8 +42,7 @@ def networks(found: dict[str, Results]) -> Table:
                 f"{results.mean('train_seconds').mean:.0f}",
             ]
         )
-    first = next(iter(found.values()))
-    seeds = ", ".join(f"{NAMES[r.config('model.name')]} {told(r)}" for r in found.values())
+    each = "; ".join(f"{NAMES[r.config('model.name')]} {clouds_told(r)}, {told(r)}" for r in found.values())
     return Table(
         "Figures 5-12: the networks under Adadelta",
         [
@@ -58,12 +57,16 @@ def networks(found: dict[str, Results]) -> Table:
             "train (s)",
         ],
         rows,
-        f"Test accuracy at the epoch best on validation; {len(first.config('dataset.sizes_mm2'))} sizes, "
-        f"{first.config('dataset.n_points')} points a cloud; {seeds}. Cylinder fit: accuracy of the nearest nominal size to the "
+        f"Test accuracy at the epoch best on validation. {each}. Cylinder fit: accuracy of the nearest nominal size to the "
         "diameter of a cylinder fitted to the same clouds, with no network. Fluctuation: root mean square of the loss about its "
         "mean over three epochs, over the second half of the run. The image networks see a depth image of the same clouds. The "
         f"paper shows curves alone; for ADGCNN it ends at {paper.ACCURACY_AFTER}.",
     )
+
+
+def clouds_told(results: Results) -> str:
+    """How many sizes and points a network's results are of."""
+    return f"{len(results.config('dataset.sizes_mm2'))} sizes, {results.config('dataset.n_points')} points"
 
 
 def fitted(results: Results, **cell: object) -> str:

@@ -48,7 +48,7 @@ class Section:
 Made = TypeVar("Made", Table, Drawing)
 
 
-def of(name: str, maker: Callable[[Results], Made]) -> Callable[[Found], Made | None]:
+def of(name: str, maker: Callable[[Results], Made | None]) -> Callable[[Found], Made | None]:
     """A maker that takes a single results file, as one of `Section`."""
     return lambda found: maker(found[name]) if name in found else None
 

@@ -115,8 +115,7 @@ def best_network(found: Found) -> Verdict:
     alike = "" if len(sizes) == 1 else ". The networks' results are of different numbers of sizes, so this says nothing"
     return Verdict(
         "Figures 5-8: ADGCNN is more accurate than AlexNet, VGG-16 and ResNet50",
-        f"ADGCNN {own.format(3)}, {name}, the best of the others, {accuracy[rival].format(3)}, in the same number of epochs"
-        + alike,
+        f"ADGCNN {own.format(3)}, {name}, the best of the others, {accuracy[rival].format(3)}" + alike,
         CANNOT if alike else YES if own.mean > accuracy[rival].mean else NO,
     )
 
