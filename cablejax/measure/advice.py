@@ -10,6 +10,10 @@ from cablejax.measure.result import CableMeasurement
 MIN_POINTS = 50
 SMALLEST_MM, LARGEST_MM = 1.0, 250.0  # no power cable is thinner or thicker, sheath included
 LONGEST_MM = 1e6
+SHIFTED = (
+    "The scan is of several sweeps, whose shifts are fitted: an oval section passes for shifts in part, so the ovality is at "
+    "least what is given, and its own interval does not cover that."
+)
 LEAST_HEIGHT = 3.5  # standard deviations of the noise that an arc must stand out; below, fits end on anything
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int, Num
 
 from cablejax.measure.advice import (
+    SHIFTED,
     arc_too_small,
     check_cloud,
     nothing_found,
@@ -324,4 +325,6 @@ def _assembled(
         verdict=None if catalogue is None else verdict(nominal, diameter, nominal_std, catalogue),
     )
     result.warnings.extend(warnings_about(result, find, oval_arc_deg=settings.oval_arc_deg))
+    if shape is not None and sweep is not None and sweep.max() > 0:
+        result.warnings.append(SHIFTED)
     return result

@@ -5,7 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-CELLS = 128  # along the longest side of the cloud
+CELLS = 1 << 21  # at most, in all: a long cable has many along it and few across
+FINER = 0.8
 
 
 class Tile(NamedTuple):
@@ -49,10 +50,12 @@ class Grid(NamedTuple):
 
 
 def empty_grid(lower: Float[np.ndarray, "3"], upper: Float[np.ndarray, "3"]) -> Grid:
-    """A grid over a box."""
-    edge = max(float((upper - lower).max()) / CELLS, 1e-9)
-    shape = np.floor((upper - lower) / edge).astype(int) + 1
-    return Grid(lower, edge, np.zeros(shape, dtype=np.int64))
+    """A grid over a box, with the smallest cells that their number allows."""
+    side = upper - lower
+    edge = max(float(side.max()), 1e-9)
+    while edge > 1e-9 and np.prod(np.floor(side / (FINER * edge)) + 1) <= CELLS:
+        edge *= FINER
+    return Grid(lower, edge, np.zeros(np.floor(side / edge).astype(int) + 1, dtype=np.int64))
 
 
 def add(grid: Grid, xyz: Float[np.ndarray, "n 3"]) -> None:

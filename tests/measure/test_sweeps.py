@@ -83,3 +83,8 @@ def test_a_short_noisy_arc_is_not_found_too_small():
         measure_cable(scanned(noise=0.35, arc_deg=60.0, shift=SHIFT * k, lines=300)).diameter_mm - 30 for k in (0, 1)
     ]
     assert np.abs(errors).max() < 0.5
+
+
+def test_sweeps_that_are_shifted_warn_of_the_ovality():
+    warnings = measure_cable(scanned(arc_deg=360.0)).warnings
+    assert any("an oval section passes for shifts in part" in warning for warning in warnings)
