@@ -82,8 +82,8 @@ SECTIONS = (
     ),
     Section(
         "Networks",
-        "AlexNet, VGG-16 and ResNet50 on a depth image and ADGCNN on the points of the same simulated cables, same split, same "
-        "budget, all under Adadelta.",
+        "AlexNet, VGG-16 and ResNet50 on a depth image and ADGCNN on the points of the same simulated cables, all under "
+        "Adadelta; the table tells of how many sizes and epochs each result is.",
         network_tables.NETWORKS,
         (network_tables.networks,),
         (network_figures.accuracy_curves, network_figures.loss_curves, network_figures.confusions),
