@@ -57,7 +57,7 @@ def ours(name: str, data: tuple[np.ndarray, ...], k: int) -> tuple[Callable[[], 
     options = {} if name == "adgcnn" else {"dropout": 0.0}
     model = build_model(name, CLASSES, rngs=nnx.Rngs(0), k=k, **options)
     config = TrainConfig(batch_size=len(label), steps_per_dispatch=1)
-    engine = Engine(model, config, make_plan(len(label), config))
+    engine = Engine(model, config, make_plan(len(label), config, model))
     state, rows = engine.initial_state(), jnp.arange(len(label))[None]
     run = engine._compiled(state, (xyz, mask, label), rows)
     model.eval()

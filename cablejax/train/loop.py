@@ -79,7 +79,7 @@ def fit(
     """
     config.validate()
     first = train(0) if callable(train) else train
-    plan = make_plan(len(first.label), config)
+    plan = make_plan(len(first.label), config, model)
     engine = Engine(model, config, plan, Placement(devices))
     run = (
         None

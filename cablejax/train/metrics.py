@@ -144,8 +144,10 @@ def predict(graphdef: Any, state: Any, split: Clouds, *, batch_size: int) -> tup
     batch_size = min(batch_size, total)
     batches = -(-total // batch_size)
     rows = np.minimum(np.arange(batches * batch_size), total - 1).reshape(batches, batch_size)
-    found = _outputs(graphdef, state, jnp.asarray(split.xyz), jnp.asarray(split.mask), rows)
-    return tuple(np.asarray(each)[:total] for each in found)
+    xyz, mask = jnp.asarray(split.xyz), jnp.asarray(split.mask)
+    # Batch by batch: inside a loop XLA is slow at convolutions on the CPU (`make_plan`).
+    found = [jax.device_get(_outputs(graphdef, state, xyz, mask, row)) for row in rows]
+    return tuple(np.concatenate(each)[:total] for each in zip(*found, strict=True))
 
 
 def score_all(outputs: tuple[np.ndarray, ...], split: Clouds) -> Metrics:
@@ -184,13 +186,9 @@ def score(logits: np.ndarray, labels: np.ndarray) -> Metrics:
 
 
 @partial(jax.jit, static_argnums=0)
-def _outputs(graphdef: Any, state: Any, xyz: Array, mask: Array, rows: Int[Array, "s b"]) -> tuple[Array, ...]:
-    """Logits `[s * b, C]` of the clouds `rows`, batch after batch; with a regression head diameters and deviations too."""
-
-    def one(row: Int[Array, " b"]) -> tuple[Array, ...]:
-        model = nnx.merge(graphdef, state, copy=True)
-        call = model.with_diameter if has_regression(model) else model
-        found = call(xyz[row], mask[row])
-        return tuple(found) if has_regression(model) else (found,)
-
-    return jax.tree.map(lambda each: each.reshape(-1, *each.shape[2:]), jax.lax.map(one, rows))
+def _outputs(graphdef: Any, state: Any, xyz: Array, mask: Array, row: Int[Array, " b"]) -> tuple[Array, ...]:
+    """Logits `[b, C]` of the clouds of a batch; with a regression head diameters and deviations too."""
+    model = nnx.merge(graphdef, state, copy=True)
+    if has_regression(model):
+        return tuple(model.with_diameter(xyz[row], mask[row]))
+    return (model(xyz[row], mask[row]),)

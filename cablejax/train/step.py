@@ -122,6 +122,9 @@ def make_runner(
             grads, rest, report = gradient(state.params, state.rest, data, row)
             return update(state, grads, rest, schedule), report
 
+        if rows.shape[0] == 1:  # no loop around image convolutions: see `make_plan`
+            state, report = step(state, rows[0])
+            return state, jax.tree.map(lambda leaf: leaf[None], report)
         return jax.lax.scan(step, state, rows)
 
     def run_full_set(state: TrainState, data: Data, rows: Int[Array, "s b"], schedule: Schedule):

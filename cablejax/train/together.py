@@ -50,7 +50,7 @@ def fit_together(
         ValueError: If lengths differ, or a model is of another architecture.
     """
     configs = _configs(config, len(models), seeds, learning_rates)
-    plan = make_plan(len(train.label), config)
+    plan = make_plan(len(train.label), config, models[0])
     engines = [Engine(model, each, plan) for model, each in zip(models, configs, strict=True)]
     first = engines[0]
     if any(engine.graphdef != first.graphdef for engine in engines[1:]):

@@ -1,7 +1,9 @@
 """How an epoch is cut."""
 
+import jax
 import numpy as np
 import pytest
+from flax import nnx
 
 from cablejax.train import TrainConfig
 from cablejax.train.batches import epoch_rows, make_plan
@@ -29,3 +31,14 @@ def test_balanced_batches_hold_the_same_mix():
     assert np.abs(counts - share).max() < 2  # a stretch of s expected clouds holds between s - 2 and s + 2
     shuffled = np.stack([np.bincount(LABEL[batch], minlength=5) for batch in rows().reshape(-1, 10)])
     assert counts.std(axis=0).mean() < 0.6 * shuffled.std(axis=0).mean()
+
+
+class Image(nnx.Module):
+    def __init__(self):
+        self.conv = nnx.Conv(1, 1, (3, 3), rngs=nnx.Rngs(0))
+
+
+def test_image_convolutions_take_one_step_a_call_on_the_cpu():
+    config = TrainConfig(batch_size=10)
+    assert make_plan(100, config).per_call == 10
+    assert make_plan(100, config, Image()).per_call == (1 if jax.default_backend() == "cpu" else 10)
