@@ -112,9 +112,10 @@ SECTIONS = (
     ),
     Section(
         "Robustness",
-        "The network trained on standard clouds, tested on clouds with more noise, fewer points, holes, and other scanners.",
-        ("robustness",),
-        (of("robustness", network_tables.robustness),),
+        "The network trained on standard clouds, tested on clouds with more noise, fewer points, holes, and other scanners; "
+        "and a network trained on clouds of the hardest kind.",
+        ("robustness", "hard_adgcnn"),
+        (of("robustness", network_tables.robustness), of("hard_adgcnn", network_tables.hard)),
         (of("robustness", network_figures.robustness),),
     ),
 )

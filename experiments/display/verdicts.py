@@ -111,11 +111,13 @@ def best_network(found: Found) -> Verdict:
     own = accuracy.pop("fig8_adgcnn")
     rival = max(accuracy, key=lambda name: accuracy[name].mean)
     name = NAMES[found[rival].config("model.name")]
+    epochs = {each: found[each].config("training.epochs") for each in ("fig8_adgcnn", rival)}
     sizes = {len(found[each].config("dataset.sizes_mm2")) for each in NETWORKS}
     alike = "" if len(sizes) == 1 else ". The networks' results are of different numbers of sizes, so this says nothing"
     return Verdict(
         "Figures 5-8: ADGCNN is more accurate than AlexNet, VGG-16 and ResNet50",
-        f"ADGCNN {own.format(3)}, {name}, the best of the others, {accuracy[rival].format(3)}" + alike,
+        f"ADGCNN {own.format(3)} after {epochs['fig8_adgcnn']} epochs, {name}, the best of the others, "
+        f"{accuracy[rival].format(3)} after {epochs[rival]}" + alike,
         CANNOT if alike else YES if own.mean > accuracy[rival].mean else NO,
     )
 
