@@ -8,18 +8,19 @@ from flax import nnx
 from jaxtyping import Array, Bool, Float
 
 from cablejax.nets.init import he_normal, lecun_normal
+from cablejax.nets.largest import largest
 from cablejax.nets.norm import BatchNorm
 from cablejax.ops.product import gram, row_product
 
 
 def pool_points(points: Float[Array, "n c"], mask: Bool[Array, " n"], *, mean: bool = True) -> Float[Array, " d"]:
     """Maximum and mean over a cloud's valid points, concatenated to `[2c]`; the maximum alone if `mean` is False."""
-    largest = jnp.max(points, axis=0, where=mask[:, None], initial=-jnp.inf)
-    largest = jnp.where(jnp.any(mask), largest, 0.0)
+    maximum = largest(jnp.where(mask[:, None], points, -jnp.inf), 0)
+    maximum = jnp.where(jnp.any(mask), maximum, 0.0)
     if not mean:
-        return largest
+        return maximum
     average = jnp.sum(points, axis=0, where=mask[:, None]) / jnp.maximum(jnp.sum(mask), 1)
-    return jnp.concatenate([largest, average])
+    return jnp.concatenate([maximum, average])
 
 
 class PooledLayer(nnx.Module):

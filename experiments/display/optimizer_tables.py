@@ -62,10 +62,11 @@ def fitted_beside(results: Results) -> str:
 
 def search(results: Results) -> Table:
     """What tuning found: each optimizer's best learning rate on validation, and how many rates do nearly as well."""
-    rows = []
+    rows, at_end = [], []
     for name, rates in best_accuracies(results.raw).items():
         best = max(rates, key=lambda rate: (rates[rate], rate))
         near = [rate for rate, accuracy in rates.items() if accuracy >= 0.9 * rates[best]]
+        at_end += [NAMES[name]] if best == max(rates) else []
         rows.append(
             [
                 NAMES[name],
@@ -91,7 +92,12 @@ def search(results: Results) -> Table:
         ],
         rows,
         "Log-uniform over four decades, chosen by the best validation accuracy of any epoch; the test split is not touched. "
-        f"Within 10 %: rates that reach nine tenths of the best accuracy; {schedule(results)}, {told(results)}.",
+        f"Within 10 %: rates that reach nine tenths of the best accuracy; {schedule(results)}, {told(results)}."
+        + (
+            f" Best at the largest rate tried, so that a larger one may be better still: {', '.join(at_end)}."
+            if at_end
+            else ""
+        ),
     )
 
 

@@ -10,6 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from cablejax.nets.baselines.pointnet import PointLayers
 from cablejax.nets.head import Classifier, pool_points
+from cablejax.nets.largest import largest
 from cablejax.nets.pose import pose_clouds
 
 
@@ -75,7 +76,7 @@ class SetAbstraction(nnx.Module):
             grouped = jnp.concatenate([grouped, others], axis=-1)
         b, m, k, c = grouped.shape
         layered = self.layers(grouped.reshape(b, m * k, c), jnp.ones((b, m * k), dtype=bool))
-        return centers, jnp.max(layered.reshape(b, m, k, -1), axis=2)
+        return centers, largest(layered.reshape(b, m, k, -1), 2)
 
 
 class PointNet2(nnx.Module):
