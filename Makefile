@@ -84,6 +84,7 @@ fig12_adgcnn_loss: fig8_adgcnn
 fig13_transfer: pretrain
 pretrain: $(VENV)/.run-stamp ## Train on ModelNet10 ($CABLEJAX_DATA), for fig13_transfer to start from
 	@$(BIN)/python -m experiments.pretrain size=$(SIZE)
+	@$(BIN)/python -m experiments.collect $@ --size $(SIZE)
 
 attention: $(VENV)/.run-stamp ## Channel attention of a trained network: RUN=folder of a finished run of fig8_adgcnn
 	@$(BIN)/python -m experiments.attention "$(RUN)"
