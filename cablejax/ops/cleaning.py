@@ -7,8 +7,8 @@ import jax
 from jaxtyping import Array, Bool, Float, Int
 
 from cablejax.ops.filters import adaptive_filter
-from cablejax.ops.neighbors import knn
-from cablejax.ops.outliers import statistical_outliers
+from cablejax.ops.neighbors import neighbors_and_sums
+from cablejax.ops.outliers import removal_by_sums
 from cablejax.types import PointCloud
 
 
@@ -82,14 +82,13 @@ def clean(
         raise ValueError(f"removal_k: expected at least 2 (the point itself counts), got {removal_k}")
     if k < 1:
         raise ValueError(f"k: expected at least 1, got {k}")
-    found = knn(cloud.xyz, k=max(removal_k - 1, k), mask=cloud.mask)
-    keep = statistical_outliers(cloud, k=removal_k, std_ratio=std_ratio, found=found).keep
-    near = found._replace(neighbors=found.neighbors[:, :k], sq_dist=found.sq_dist[:, :k])
+    search = neighbors_and_sums(cloud.xyz, k=k, total_k=removal_k - 1, mask=cloud.mask)
+    keep = removal_by_sums(cloud, search.total, search.count, search.total_status, std_ratio).keep
     # What is passed on becomes a traced value, constants too: a 0 that spares its stage has to be left out.
     stages = {"gamma": gamma, "crowding": crowding}
     stages = {name: value for name, value in stages.items() if not (isinstance(value, int | float) and value == 0)}
     smooth = adaptive_filter(
         PointCloud(cloud.xyz, keep), k=k, alpha=alpha, beta=beta, tau=tau, order=order, form=form,
-        iterations=iterations, refinements=refinements, found=near, **stages,
+        iterations=iterations, refinements=refinements, found=search, **stages,
     )  # fmt: skip
     return CleanResult(smooth.xyz, keep, smooth.width, smooth.status)

@@ -9,7 +9,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from cablejax.ops.filter_width import BAND, Trial, choose_alpha, pilot_step, try_widths
-from cablejax.ops.neighbors import KnnResult, knn
+from cablejax.ops.neighbors import KnnResult, ListAndSums, knn
 from cablejax.ops.quantile import quantile
 from cablejax.ops.slots import gather, sum_over_slots
 from cablejax.ops.surface_fit import TINY, SurfaceFit, fit_surface
@@ -70,7 +70,7 @@ def adaptive_filter(
     iterations: int = 1,
     refinements: int = 1,
     crowding: float | Float[Array, ""] = 0.0,
-    found: KnnResult | None = None,
+    found: KnnResult | ListAndSums | None = None,
 ) -> FilterResult:
     """Smooth each point with a Gaussian as wide as its local noise.
 
@@ -158,7 +158,7 @@ def width_trial(cloud: PointCloud, keep: Bool[Array, " n"], rows: Int[Array, " m
     return try_widths(xyz, centre, neighbors, jnp.where(used, local, 0.0), order=order)
 
 
-def _around(cloud: PointCloud, found: KnnResult | None, k: int) -> tuple[_Around, Array]:
+def _around(cloud: PointCloud, found: KnnResult | ListAndSums | None, k: int) -> tuple[_Around, Array]:
     """Neighbourhoods in slots, and the status of each point."""
     search = knn(cloud.xyz, k=k, mask=cloud.mask) if found is None else found
     finite = jnp.isfinite(cloud.xyz).all(axis=1)

@@ -9,7 +9,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from cablejax.ops.neighbors_brute import count_brute
 from cablejax.ops.neighbors_dense import knn_dense
-from cablejax.ops.neighbors_rank import Ranked, in_order
+from cablejax.ops.neighbors_rank import Ranked, distance_sum, in_order, rows_in_order
 from cablejax.ops.neighbors_search import Finish, search
 from cablejax.ops.neighbors_tree import Tree, build, depth_for
 from cablejax.ops.neighbors_within import count_within
@@ -114,7 +114,7 @@ def distance_sums(
         near = jnp.isfinite(found.sq_dist)
         return jnp.sqrt(jnp.where(near, found.sq_dist, 0.0)).sum(axis=1), near.sum(axis=1), found.status
     cloud = _prepare(xyz, None, mask, False)
-    total, count = _by_tree(cloud, True, False, k, partial(_distance_sum, k=k))
+    total, count = _by_tree(cloud, True, False, k, partial(distance_sum, k=k))
     usable = cloud.asked & cloud.finite
     total, count = jnp.where(usable, total, 0.0), jnp.where(usable, count, 0)
     few = usable & (count < k)
@@ -122,10 +122,51 @@ def distance_sums(
     return total, count, status.astype(jnp.int32)
 
 
-def _distance_sum(ranked: Ranked, k: int) -> tuple[Array, Array]:
-    """Sum of the k smallest distances of each query, and how many there are."""
-    near = (ranked.rank < k) & (ranked.row >= 0)
-    return jnp.sqrt(jnp.where(near, ranked.sq_dist, 0.0)).sum(axis=1), near.sum(axis=1, dtype=jnp.int32)
+class ListAndSums(NamedTuple):
+    """What outlier removal and a filter after it need of one search.
+
+    Attributes:
+        neighbors: As `knn` `[n, k]`.
+        status: As `knn` `[n]`.
+        total: As `distance_sums` `[n]`, like what follows.
+        count: Numbers of neighbours summed `[n]`.
+        total_status: Status of the sums `[n]`.
+    """
+
+    neighbors: Int[Array, "n k"]
+    status: Int[Array, " n"]
+    total: Float[Array, " n"]
+    count: Int[Array, " n"]  # pyright: ignore[reportIncompatibleMethodOverride]
+    total_status: Int[Array, " n"]
+
+
+@partial(jax.jit, static_argnames=("k", "total_k"))
+def neighbors_and_sums(
+    xyz: Float[Array, "n c"], *, k: int, total_k: int, mask: Bool[Array, " n"] | None = None
+) -> ListAndSums:
+    """The neighbours of `knn` without their distances, and the sums of `distance_sums` over `total_k`, by one search."""
+    most = max(k, total_k)
+    if _has_tree(xyz):
+        cloud = _prepare(xyz, None, mask, False)
+
+        def finish(ranked: Ranked) -> tuple[Array, ...]:
+            return rows_in_order(ranked, k), *distance_sum(ranked, total_k)
+
+        neighbors, total, count = _by_tree(cloud, True, False, most, finish)
+        usable = cloud.asked & cloud.finite
+        neighbors = jnp.where(usable[:, None], neighbors, -1)
+        total, count = jnp.where(usable, total, 0.0), jnp.where(usable, count, 0)
+        odd = (cloud.asked & ~cloud.finite) * int(Status.NOT_FINITE)
+        few = usable & (neighbors[:, -1] < 0)
+    else:
+        found = knn(xyz, k=most, mask=mask)
+        near = jnp.isfinite(found.sq_dist[:, :total_k])
+        total, count = jnp.sqrt(jnp.where(near, found.sq_dist[:, :total_k], 0.0)).sum(axis=1), near.sum(axis=1)
+        neighbors, odd = found.neighbors[:, :k], found.status & int(Status.NOT_FINITE)
+        usable = (odd == 0) & (jnp.ones(xyz.shape[0], dtype=bool) if mask is None else mask)
+        few = usable & (neighbors[:, -1] < 0)
+    status, total_status = (each * int(Status.TOO_FEW_NEIGHBORS) | odd for each in (few, usable & (count < total_k)))
+    return ListAndSums(neighbors, status.astype(jnp.int32), total, count, total_status.astype(jnp.int32))
 
 
 def knn_features(features: Float[Array, "n c"], *, k: int, mask: Bool[Array, " n"] | None = None) -> KnnResult:

@@ -124,6 +124,18 @@ def in_order(ranked: Ranked, k: int) -> tuple[Int[Array, "q k"], Float[Array, "q
     return jnp.where(found, row, -1), jnp.where(found, sq_dist, jnp.inf)
 
 
+def rows_in_order(ranked: Ranked, k: int) -> Int[Array, "q k"]:
+    """The rows of `in_order` alone."""
+    hit = (ranked.rank[:, None, :] == jnp.arange(k)[None, :, None]) & (ranked.row >= 0)[:, None, :]
+    return jnp.sum(jnp.where(hit, ranked.row[:, None, :] + 1, 0), axis=2) - 1
+
+
+def distance_sum(ranked: Ranked, k: int) -> tuple[Float[Array, " q"], Int[Array, " q"]]:
+    """Sum of the k smallest distances of each query, and how many there are."""
+    near = (ranked.rank < k) & (ranked.row >= 0)
+    return jnp.sqrt(jnp.where(near, ranked.sq_dist, 0.0)).sum(axis=1), near.sum(axis=1, dtype=jnp.int32)
+
+
 def _rows(tree: Tree, leaf: Int[Array, "b m"], column: Int[Array, "b q s"]) -> Int[Array, "b q s"]:
     """Rows in the cloud of the candidates in given columns of their block."""
     first = jnp.arange(leaf.shape[0])[:, None, None] * leaf.shape[1]

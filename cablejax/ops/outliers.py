@@ -60,6 +60,17 @@ def statistical_outliers(
         total, near, status = distance_sums(cloud.xyz, k=k - 1, mask=cloud.mask)
     else:
         total, near, status = _sums_of(found, cloud, k - 1)
+    return removal_by_sums(cloud, total, near, status, std_ratio)
+
+
+def removal_by_sums(
+    cloud: PointCloud,
+    total: Float[Array, " n"],
+    near: Int[Array, " n"],
+    status: Int[Array, " n"],
+    std_ratio: float | Float[Array, ""],
+) -> OutlierResult:
+    """`statistical_outliers` from what `distance_sums` gives."""
     score = total / (near + 1)
     valid = _finite(cloud)
     count = valid.sum()
