@@ -60,8 +60,18 @@ def networks(found: dict[str, Results]) -> Table:
         f"Test accuracy at the epoch best on validation. {each}. Cylinder fit: accuracy of the nearest nominal size to the "
         "diameter of a cylinder fitted to the same clouds, with no network. Fluctuation: root mean square of the loss about its "
         "mean over three epochs, over the second half of the run. The image networks see a depth image of the same clouds. The "
-        f"paper shows curves alone; for ADGCNN it ends at {paper.ACCURACY_AFTER}.",
+        f"paper shows curves alone; for ADGCNN it ends at {paper.ACCURACY_AFTER}."
+        + "".join(
+            f" {NAMES[r.config('model.name')]} learnt nothing: its loss stayed at that of a guess."
+            for r in found.values()
+            if not learnt(r)
+        ),
     )
+
+
+def learnt(results: Results) -> bool:
+    """Whether a network does better than half again a guess."""
+    return results.mean("test_overall").mean > 1.5 / len(results.config("dataset.sizes_mm2"))
 
 
 def clouds_told(results: Results) -> str:

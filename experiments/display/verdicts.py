@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from experiments import paper
 from experiments.display.filtering_tables import FILTERS, NOISES
-from experiments.display.network_tables import NETWORKS
+from experiments.display.network_tables import NETWORKS, learnt
 from experiments.display.table import Table
 from experiments.results import NAMES, Results
 from experiments.statistics import Estimate, estimate, fluctuation, paired_difference
@@ -128,11 +128,15 @@ def smoothest_network(found: Found) -> Verdict:
             [fluctuation([epoch["train_loss"] for epoch in row["history"]]) for row in found[name].rows()]
         ).mean
         for name in NETWORKS
+        if learnt(found[name])
     }
+    still = [NAMES[found[name].config("model.name")] for name in NETWORKS if name not in rough]
     least = min(rough, key=lambda name: rough[name])
     return Verdict(
         "Figures 9-12: ADGCNN's loss fluctuates least",
-        ", ".join(f"{NAMES[found[name].config('model.name')]} {value:.4f}" for name, value in rough.items()) + " nats",
+        ", ".join(f"{NAMES[found[name].config('model.name')]} {value:.4f}" for name, value in rough.items())
+        + " nats"
+        + (f"; {', '.join(still)} learnt nothing and is left out" if still else ""),
         YES if least == "fig8_adgcnn" else NO,
     )
 
