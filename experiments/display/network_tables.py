@@ -38,6 +38,7 @@ def networks(found: dict[str, Results]) -> Table:
                 rough["train_loss"].format(4),
                 rough["validation_loss"].format(3),
                 f"{results.config('training.epochs')}",
+                f"{results.rows()[0]['learning_rate']:g}",
                 f"{results.mean('compile_seconds').mean:.1f}",
                 f"{results.mean('train_seconds').mean:.0f}",
             ]
@@ -53,6 +54,7 @@ def networks(found: dict[str, Results]) -> Table:
             "fluctuation, training (nats)",
             "fluctuation, validation (nats)",
             "epochs",
+            "rate",
             "compile (s)",
             "train (s)",
         ],
