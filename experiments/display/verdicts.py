@@ -118,7 +118,13 @@ def best_network(found: Found) -> Verdict:
         "Figures 5-8: ADGCNN is more accurate than AlexNet, VGG-16 and ResNet50",
         f"ADGCNN {own.format(3)} after {epochs['fig8_adgcnn']} epochs, {name}, the best of the others, "
         f"{accuracy[rival].format(3)} after {epochs[rival]}" + alike,
-        CANNOT if alike else YES if own.mean > accuracy[rival].mean else NO,
+        CANNOT
+        if alike
+        else NO
+        if own.mean <= accuracy[rival].mean
+        else YES
+        if len(set(epochs.values())) == 1
+        else PARTLY,
     )
 
 
