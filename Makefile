@@ -63,7 +63,7 @@ check: lint test ## Everything that must pass before a commit
 
 # One target per table and figure: the sweep, then its results file. SEEDS="range(10)" for more seeds than the file says.
 OWN := table1_filtering table2_3_deviation diameter robustness
-TRAINED := fig5_alexnet fig6_vgg16 fig7_resnet50 fig8_adgcnn hard_adgcnn fig13_optimizers optimizer_search optimizer_study ablation
+TRAINED := fig5_alexnet fig6_vgg16 fig7_resnet50 fig8_adgcnn standard_adgcnn hard_adgcnn fig13_optimizers optimizer_search optimizer_study ablation
 WITH_DATA := fig13_transfer
 EXPERIMENTS := $(OWN) $(TRAINED) $(WITH_DATA)
 $(OWN): MODULE = $@

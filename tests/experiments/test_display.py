@@ -87,6 +87,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         for kind in ("noise_mm", "kept", "hole_mm", "arc_deg")
         for level in (0.0, 1.0)
     ]
+    results_file(out, "standard_adgcnn", {"model.name": "adgcnn"}, runs([({}, trained(0.9, 1.0))]))
     results_file(out, "hard_adgcnn", {"model.name": "adgcnn"}, runs([({}, trained(0.2, 2.0))]))
     results_file(out, "robustness", {}, runs([({}, {"conditions": conditions})]))
     return out

@@ -38,7 +38,7 @@ def test_trials_fill_the_range_evenly():
 
 def test_search_composes_the_trials_rate_and_leaves_the_test_split_alone():
     config = compose_config("experiment=optimizer_search", "optimizer=adam", "trial=2")
-    assert config.optimizer.learning_rate == tuning.trial_rate(1e-5, 0.1, 2)
+    assert config.optimizer.learning_rate == tuning.trial_rate(1e-4, 1.0, 2)
     assert config.rates == "trial"
     assert not config.training.test
 
