@@ -2,7 +2,6 @@
 
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Num
 from scipy.spatial import KDTree
@@ -172,7 +171,7 @@ def between(
         options: See `icp`.
         spacing: Of the target's points, about, for the tolerance.
         reach: Largest distance between partners.
-        capacity: Source points to compile for, where more than there are: the largest of several levels.
+        capacity: Source points of the largest of several levels: smaller ones are compiled for a half, a quarter, ... of it.
     """
     # Under jit all is float32 and of order one: a twist mixes lengths with angles, so the unit must not matter.
     origin = fixed.xyz.mean(axis=0)
@@ -195,15 +194,15 @@ def _aligned(
     partners: Partners, T: np.ndarray, reach: float, least_move: float, options: Options
 ) -> tuple[np.ndarray, State, int]:
     """Step under jit, ask the tree again where partners are in doubt, and so on until the motion is small."""
-    numbers = [jnp.float32(value) for value in (reach, least_move, options.least_share)]
+    numbers = [np.float32(value) for value in (reach, least_move, options.least_share)]
     carried, done = partners.ask(T, None), 0
     while True:
-        limits = Limits(numbers[0], numbers[1], numbers[2], jnp.int32(options.max_iterations - done))
-        state: State = steps(carried, jnp.asarray(T, jnp.float32), limits, method=options.method, kernel=options.kernel)
+        limits = Limits(*numbers, np.int32(options.max_iterations - done))  # pyright: ignore
+        state: State = steps(carried, T.astype(np.float32), limits, method=options.method, kernel=options.kernel)
         T, done = _orthonormal(np.asarray(state.T_target_source, dtype=np.float64)), done + int(state.done)
         if not bool(state.doubtful) or done >= options.max_iterations:
             return T, state, done
-        which = np.asarray(doubtful(carried, jnp.asarray(T, jnp.float32), numbers[0]))
+        which = np.asarray(doubtful(carried, T.astype(np.float32), numbers[0]))
         carried = partners.ask(T, which)
 
 

@@ -113,16 +113,25 @@ def steps(
         moved = _moved(carried, T)
         sq, target, normal = _nearest(carried, moved)
         doubt = (state.done > 0) & _doubt(carried, moved, sq, limits.reach).any()
-        turned = jnp.matmul(T[:3, :3], carried.source_normal, precision=_PRECISION)
-        weight = (carried.valid & (sq <= limits.reach**2)).astype(jnp.float32)
-        new = icp_step(
-            Pairs(moved, turned, target, normal, weight), T, limits.least_share, method=method, kernel=kernel
-        )
-        step = jax.tree.map(lambda old, made: jnp.where(doubt, old, made), state.step, new)
-        enough = new.inliers >= 6
-        T = jnp.where(doubt | ~enough, T, _orthonormal(new.T_target_source))
-        small = ~doubt & enough & (new.moved < limits.least_move)
-        return State(T, step, state.done + ~doubt, small, doubt)
+
+        def ask_first() -> State:
+            return state._replace(small=jnp.bool_(False), doubtful=jnp.bool_(True))
+
+        def make() -> State:
+            turned = jnp.matmul(T[:3, :3], carried.source_normal, precision=_PRECISION)
+            weight = (carried.valid & (sq <= limits.reach**2)).astype(jnp.float32)
+            pairs = Pairs(moved, turned, target, normal, weight)
+            step = icp_step(pairs, T, limits.least_share, method=method, kernel=kernel)
+            enough = step.inliers >= 6
+            # Near its end a loop may go round among a few partners that are as good as each other: the pairs fit no better.
+            around = (
+                (step.moved < 10 * limits.least_move) & (step.rmse >= state.step.rmse * (1 - 1e-6)) & (state.done > 0)
+            )
+            small = enough & ((step.moved < limits.least_move) | around)
+            now = jnp.where(enough, _orthonormal(step.T_target_source), T)
+            return State(now, step, state.done + 1, small, jnp.bool_(False))
+
+        return jax.lax.cond(doubt, ask_first, make)
 
     def goes_on(state: State) -> Array:
         enough = (state.done == 0) | (state.step.inliers >= 6)

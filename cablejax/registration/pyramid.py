@@ -1,6 +1,7 @@
 """Registration from coarse to fine: thinned clouds and a wide reach first, all points and a short reach last."""
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from jaxtyping import Float, Num
@@ -60,16 +61,23 @@ def register(
         return nothing(T, 0, 0)
     if start == "features":
         T = coarse_start(moving, fixed, voxel=max(voxels)).T_target_source
-    thin_source = voxel_pyramid(moving, voxels, k=K_NORMALS if method == "gicp" else None)
-    thin_target = voxel_pyramid(fixed, voxels, k=K_NORMALS)
-    capacity = max(len(level.xyz) for level in thin_source)
+    with ThreadPoolExecutor(1) as pool:  # NumPy and the tree release the lock: the clouds are thinned side by side
+        ahead = pool.submit(_levels, fixed, voxels, K_NORMALS)
+        near = _levels(moving, voxels, K_NORMALS if method == "gicp" else None)
+        far = ahead.result()
+    capacity = max(len(level.xyz) for level in near)
     result = nothing(T, 0, 0)
-    for number, (size, near, far) in enumerate(zip(voxels, thin_source, thin_target, strict=True), 1):
+    for number, (size, source_level, target_level) in enumerate(zip(voxels, near, far, strict=True), 1):
         tolerance = TOLERANCE if number == len(voxels) else COARSE_TOLERANCE
         options = Options(method, kernel, max_iterations, tolerance, float(least_share))
-        near_cloud, far_cloud = (Oriented(level.xyz, level.normals()) for level in (near, far))
         result = between(
-            near_cloud, far_cloud, plain_tree(far.xyz), T, options, spacing=size, reach=reach * size, capacity=capacity
-        )
+            source_level, target_level, plain_tree(target_level.xyz), T, options,
+            spacing=size, reach=reach * size, capacity=capacity,
+        )  # fmt: skip
         T = result.T_target_source
     return result
+
+
+def _levels(xyz: Float[np.ndarray, "n 3"], voxels: Sequence[float | int], k: int | None) -> list[Oriented]:
+    """A cloud thinned to each voxel size, with normals where `k` is given."""
+    return [Oriented(level.xyz, level.normals()) for level in voxel_pyramid(xyz, voxels, k=k)]

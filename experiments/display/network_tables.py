@@ -124,10 +124,10 @@ def versions(found: dict[str, Results]) -> Table:
         "ADGCNN on standard and on hard clouds",
         ["Method", "version", "accuracy (eq 20)", "class average (eq 21)", "points", "seeds"],
         rows,
-        f"Trained and tested on clouds of the same version, {' or '.join(sorted(epochs))} epochs under Adadelta; a guess is right "
-        f"{' or '.join(f'{guess:.3f}' for guess in sorted(guesses))} of the time. Hard: arcs of 60 to 120 degrees, noise of 0.3 to "
-        "0.6 mm, walls and other cables beside; there neither reads the size, and `measure_cable`, which looks for the cable among "
-        "the rest, is not in this table.",
+        f"Trained and tested on clouds of the same version, {' or '.join(sorted(epochs))} epochs under Adadelta; a guess is "
+        f"right {' or '.join(f'{guess:.3f}' for guess in sorted(guesses))} of the time. Hard: arcs of 60 to 120 degrees, noise "
+        "of 0.3 to 0.6 mm, walls and other cables beside; there neither reads the size, and `measure_cable`, which looks for "
+        "the cable among the rest, is not in this table.",
     )
 
 

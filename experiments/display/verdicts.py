@@ -138,8 +138,7 @@ def smoothest_network(found: Found) -> Verdict:
     least = min(rough, key=lambda name: rough[name])
     return Verdict(
         "Figures 9-12: ADGCNN's loss fluctuates least",
-        ", ".join(f"{NAMES[found[name].config('model.name')]} {value:.4f}" for name, value in rough.items())
-        + " nats",
+        ", ".join(f"{NAMES[found[name].config('model.name')]} {value:.4f}" for name, value in rough.items()) + " nats",
         YES if least == "fig8_adgcnn" else NO,
     )
 
