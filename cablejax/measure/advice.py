@@ -107,10 +107,10 @@ def warnings_about(result: CableMeasurement, find: Find, *, oval_arc_deg: float)
         )
     for second in find.walks[1:]:
         first = find.walks[0]
-        alike = 0.5 < second.radius_mm / first.radius_mm < 2 and second.length_mm > 0.3 * first.length_mm
+        alike = 0.5 < 2 * second.radius_mm / result.diameter_mm < 2 and second.length_mm > 0.3 * first.length_mm
         if alike and share(second, first) < 0.1:
             out.append(
-                f"A second cable was found, of about {2 * second.radius_mm:.3g} mm over {second.length_mm:.4g} mm: the "
+                f"A second cable was found, of about {2 * second.radius_mm:.3g} mm over {second.length_mm:.0f} mm: the "
                 "longer and better one was measured. Cut the scan to measure the other."
             )
     if result.length_mm < 2 * result.diameter_mm:

@@ -1,9 +1,13 @@
 """Scans that give no diameter say so in the user's terms; doubtful ones carry a warning."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from cablejax.measure import MeasureError, MeasureSettings, measure_cable
+from cablejax.measure.advice import warnings_about
+from cablejax.measure.candidates import Find
 from tests.reference.circles import bent_cable
 
 RNG = np.random.default_rng(5)
@@ -95,6 +99,12 @@ def test_a_cable_of_25_metres_diameter():
     result = measure_cable(bent_cable() * 1000)
     assert result.diameter_mm == pytest.approx(30_000, rel=1e-3)
     assert any("in millimetres read as metres" in warning for warning in result.warnings)
+
+
+def test_a_cable_of_two_kilometres():
+    result = replace(measure_cable(bent_cable()), length_mm=2.0e6)
+    warnings = warnings_about(result, Find([], [], 0.0, np.zeros((0, 3))), oval_arc_deg=175.0)
+    assert "The length comes out at 2000 m: is the unit of the file right?" in warnings
 
 
 def test_two_cables():
