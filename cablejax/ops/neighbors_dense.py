@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from cablejax.ops.cloud_by_cloud import cloud_by_cloud
 from cablejax.ops.neighbors_brute import knn_brute, map_blocks, square_distances
-from cablejax.ops.neighbors_select import INFINITE, WORD, columns
+from cablejax.ops.neighbors_select import INFINITE, WORD, columns, in_pieces
 
 GROUPS = 128
 COARSE = 13  # low bits of a threshold that are not searched: it lies up to 0.1 % too high and selects a few more
@@ -72,14 +72,21 @@ def in_order(row: Int[Array, "q s"], key: Float[Array, "q s"], *, k: int, ascend
 
     Rows that are known to ascend (static) save a comparison.
     """
-    bits = jnp.where(row >= 0, _bits(key), INFINITE)
-    order = jnp.arange(row.shape[1])[None, :] if ascending else row
-    lower_row = (order[:, None, :] < order[:, :, None]).astype(jnp.int32)
-    # a <= b is a < b + 1: one comparison for both orders, as no key is the largest integer.
-    before = bits[:, None, :] < bits[:, :, None] + lower_row
-    rank = jnp.sum(before.astype(jnp.int32), axis=2)
-    holds = (rank[:, None, :] == jnp.arange(k)[None, :, None]) & (row >= 0)[:, None, :]
-    return jnp.sum(jnp.where(holds, jnp.arange(1, row.shape[1] + 1)[None, None, :], 0), axis=2) - 1
+    bits, slots = jnp.where(row >= 0, _bits(key), INFINITE), row.shape[1]
+    order = jnp.arange(slots)[None, :] if ascending else row
+
+    def before(part: slice) -> Array:
+        lower_row = (order[:, None, part] < order[:, :, None]).astype(jnp.int32)
+        # a <= b is a < b + 1: one comparison for both orders, as no key is the largest integer.
+        return jnp.sum((bits[:, None, part] < bits[:, :, None] + lower_row).astype(jnp.int32), axis=2)
+
+    rank = in_pieces(before, slots)
+
+    def placed(part: slice) -> Array:
+        holds = (rank[:, None, part] == jnp.arange(k)[None, :, None]) & (row >= 0)[:, None, part]
+        return jnp.sum(jnp.where(holds, jnp.arange(1, slots + 1)[None, None, part], 0), axis=2)
+
+    return in_pieces(placed, slots) - 1
 
 
 @lru_cache

@@ -8,7 +8,7 @@ from jaxtyping import Array, Float, Int
 from cablejax.ops.neighbors_select import LARGEST, WORD, columns, narrow, selected
 from cablejax.ops.neighbors_tree import Boxes, Tree
 
-NODES = 24  # nodes kept per node on the way down
+NODES = 32  # nodes kept per node on the way down
 
 
 class Near(NamedTuple):

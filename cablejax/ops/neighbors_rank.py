@@ -7,7 +7,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from cablejax.ops.neighbors_descent import Near
-from cablejax.ops.neighbors_select import LARGEST, WORD, apart, columns, narrow, selected
+from cablejax.ops.neighbors_select import LARGEST, WORD, apart, columns, in_pieces, narrow, selected
 from cablejax.ops.neighbors_tree import LEAF, Tree
 
 SURE = 1.0 - 1e-6  # below this share of a bound, rounding of a squared distance measured in two ways does not matter
@@ -108,16 +108,18 @@ def rank_blocks(
 def rank(row: Int[Array, "q s"], sq_dist: Float[Array, "q s"]) -> Ranked:
     """Order candidates by distance, then row, by counting those that come before; faster than sorting short rows."""
     bits = lax.bitcast_convert_type(sq_dist, jnp.int32)  # in the order of the floats, as none of them is negative
-    lower_row = (row[:, None, :] < row[:, :, None]).astype(jnp.int32)
-    before = (bits[:, None, :] - bits[:, :, None] - lower_row) < 0
-    return Ranked(row, sq_dist, jnp.sum(before, axis=2, dtype=jnp.int32))
+
+    def before(part: slice) -> Array:
+        lower_row = (row[:, None, part] < row[:, :, None]).astype(jnp.int32)
+        return jnp.sum((bits[:, None, part] - bits[:, :, None] - lower_row) < 0, axis=2, dtype=jnp.int32)
+
+    return Ranked(row, sq_dist, in_pieces(before, row.shape[1]))
 
 
 def in_order(ranked: Ranked, k: int) -> tuple[Int[Array, "q k"], Float[Array, "q k"]]:
     """The k first candidates in order: rows, -1 where there are fewer, and squared distances, inf there."""
     there = ranked.row >= 0
-    hit = (ranked.rank[:, None, :] == jnp.arange(k)[None, :, None]) & there[:, None, :]
-    slot = jnp.sum(jnp.where(hit, jnp.arange(there.shape[1])[None, None, :], 0), axis=2)
+    slot = jnp.maximum(_put_in_order(ranked, jnp.broadcast_to(jnp.arange(there.shape[1]), there.shape), k), 0)
     found = jnp.arange(k)[None, :] < jnp.sum(there, axis=1)[:, None]
     owner = jnp.arange(slot.shape[0])[:, None]
     row, sq_dist = (array.at[owner, slot].get(mode="promise_in_bounds") for array in (ranked.row, ranked.sq_dist))
@@ -126,8 +128,17 @@ def in_order(ranked: Ranked, k: int) -> tuple[Int[Array, "q k"], Float[Array, "q
 
 def rows_in_order(ranked: Ranked, k: int) -> Int[Array, "q k"]:
     """The rows of `in_order` alone."""
-    hit = (ranked.rank[:, None, :] == jnp.arange(k)[None, :, None]) & (ranked.row >= 0)[:, None, :]
-    return jnp.sum(jnp.where(hit, ranked.row[:, None, :] + 1, 0), axis=2) - 1
+    return _put_in_order(ranked, ranked.row, k)
+
+
+def _put_in_order(ranked: Ranked, value: Int[Array, "q s"], k: int) -> Int[Array, "q k"]:
+    """The values, none of them negative, of the k first candidates in order; -1 where there are fewer."""
+
+    def placed(part: slice) -> Array:
+        hit = ranked.rank[:, None, part] == jnp.arange(k)[None, :, None]
+        return jnp.sum(jnp.where(hit & (ranked.row[:, None, part] >= 0), value[:, None, part] + 1, 0), axis=2)
+
+    return in_pieces(placed, ranked.row.shape[1]) - 1
 
 
 def distance_sum(ranked: Ranked, k: int) -> tuple[Float[Array, " q"], Int[Array, " q"]]:
