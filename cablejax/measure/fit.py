@@ -235,7 +235,7 @@ def fit_cable(
         trust: Which points take part `[n]`; all if None.
 
     Raises:
-        MeasureError: If fewer points keep weight than the fit has unknowns.
+        MeasureError: If fewer points keep weight than the fit has unknowns, or the radius falls below zero.
     """
     radius = radius_mm
     knot = knot_diameters * 2 * radius_mm
@@ -251,6 +251,8 @@ def fit_cable(
             start[m:width], start[width + m : 2 * width] = shifts
         change = _solve(design, radius, start, trust)
         radius += float(change[-1])
+        if not radius > 0:
+            raise MeasureError("No cable found: what is roundest is curved the other way round, or no more than its noise.")
         shifts = np.stack([change[m:width], change[width + m : 2 * width]])
         bend = np.concatenate([change[:m], change[width : width + m]])
         axis = _moved(axis, _basis(axis.s, axis, knot), bend)
