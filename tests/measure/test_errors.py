@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.coverage import one_scan
 from cablejax.measure import MeasureError, MeasureSettings, measure_cable
 from cablejax.measure.advice import warnings_about
 from cablejax.measure.candidates import Find
@@ -116,3 +117,9 @@ def test_two_cables():
 
 def test_a_partial_arc_says_that_it_takes_the_section_for_round():
     assert any("taken to be round" in warning for warning in measure_cable(bent_cable(arc_deg=100.0)).warnings)
+
+
+def test_a_fit_whose_radius_falls_below_zero_is_refused():
+    # Of the thousand scans of `benchmarks.coverage` the one whose first candidate is curved the other way round.
+    row = one_scan(767, points=8000, first_key=60_000)
+    assert "refused" in row or abs(row["error_mm"]) < 4 * row["std_mm"]
