@@ -14,6 +14,7 @@ SHIFTED = (
     "The scan is of several sweeps, whose shifts are fitted: an oval section passes for shifts in part, so the ovality is at "
     "least what is given, and its own interval does not cover that."
 )
+STRAYED = 4.0  # times the radius that the search found: a wall fits a short noisy arc as well
 LEAST_HEIGHT = 3.5  # standard deviations of the noise that an arc must stand out; below, fits end on anything
 
 
@@ -62,6 +63,16 @@ def too_rough(noise_mm: float, radius_mm: float) -> MeasureError:
     return MeasureError(
         f"No cable found: what is roundest has a radius of {radius_mm:.3g} mm, and the points scatter by {noise_mm:.3g} mm "
         "about it. Cut the scan closer to the cable, or scan it with less noise."
+    )
+
+
+def strayed(found_mm: float, fitted_mm: float) -> MeasureError | None:
+    """The error for a fit that has left what the search found for something much flatter; None if it has not."""
+    if fitted_mm < STRAYED * found_mm:
+        return None
+    return MeasureError(
+        f"The diameter cannot be told: what looks like a radius of {found_mm:.3g} mm in the thinned scan is one of "
+        f"{fitted_mm:.3g} mm by all of its points. Scan the cable with less noise or from more sides."
     )
 
 

@@ -12,6 +12,7 @@ from cablejax.measure.advice import (
     arc_too_small,
     check_cloud,
     nothing_found,
+    strayed,
     too_flat,
     too_rough,
     unknown_diameter,
@@ -160,6 +161,9 @@ def _best(
             fitted = _fit(xyz, station, way, find.planes)
         except MeasureError as error:  # nothing round there; where most is flat, that is the reason to give
             failure = failure or (nothing_found(find) if find.flat_share > 0.5 else error)
+            continue
+        if (error := strayed(way.radius_mm, fitted.fit.radius_mm)) is not None:
+            failure = failure or error
             continue
         if fitted.fit.noise_mm > ROUGHEST * fitted.fit.radius_mm:
             failure = failure or too_rough(fitted.fit.noise_mm, fitted.fit.radius_mm)

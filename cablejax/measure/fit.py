@@ -252,7 +252,9 @@ def fit_cable(
         change = _solve(design, radius, start, trust)
         radius += float(change[-1])
         if not radius > 0:
-            raise MeasureError("No cable found: what is roundest is curved the other way round, or no more than its noise.")
+            raise MeasureError(
+                "No cable found: what is roundest is curved the other way round, or no more than its noise."
+            )
         shifts = np.stack([change[m:width], change[width + m : 2 * width]])
         bend = np.concatenate([change[:m], change[width : width + m]])
         axis = _moved(axis, _basis(axis.s, axis, knot), bend)
