@@ -162,9 +162,9 @@ def _best(
         except MeasureError as error:  # nothing round there; where most is flat, that is the reason to give
             failure = failure or (nothing_found(find) if find.flat_share > 0.5 else error)
             continue
+        # Lesser finds of such a scan are no better, and one of them may fit something else very well.
         if (error := strayed(way.radius_mm, fitted.fit.radius_mm)) is not None:
-            failure = failure or error
-            continue
+            raise failure or error
         if fitted.fit.noise_mm > ROUGHEST * fitted.fit.radius_mm:
             failure = failure or too_rough(fitted.fit.noise_mm, fitted.fit.radius_mm)
             continue
