@@ -89,7 +89,7 @@ SECTIONS = (
         (network_figures.accuracy_curves, network_figures.loss_curves, network_figures.confusions),
     ),
     Section(
-        "ADGCNN's accuracy",
+        "Accuracy of ADGCNN",
         "ADGCNN trained twice as long as for Figure 8, and trained on clouds of the hardest kind, each beside a cylinder fit.",
         ("standard_adgcnn", "hard_adgcnn"),
         (network_tables.versions,),
