@@ -104,7 +104,8 @@ def icp(
         max_iterations: Most steps.
         max_distance: Partners are no further apart; ten times the target's median spacing if None.
         kernel: Robust kernel on the residuals: "none", "huber", "cauchy" or "tukey".
-        tolerance: Convergence: the step's displacement, in median spacings of the target.
+        tolerance: Convergence: the step's displacement, in median spacings of the target; ten times that where the pairs no
+            longer come nearer.
         k_normals: Neighbours from which normals come.
         least_share: See `icp_step`: what counts as unseen.
 

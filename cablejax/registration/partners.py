@@ -63,7 +63,7 @@ class Partners:
         # One more point stands for none: the tree's row m.
         self._points = np.append(target.xyz.T, np.full((3, 1), FAR), axis=1).astype(np.float32)
         self._normals = np.append(target.normals.T, np.zeros((3, 1)), axis=1).astype(np.float32)
-        size = padded_size(max(n, capacity))
+        size = padded_size(max(n, capacity))  # halved for coarse levels: their shapes follow from the finest level's
         while size // 2 >= max(n, LEAST_SIZE):
             size //= 2
         both = np.zeros((6, size), np.float32)
