@@ -26,7 +26,7 @@ WIDE_BLOCKS, WIDER = 128, 20  # unproven blocks searched at once, and how many m
 RETRY = 256  # unproven rows searched at once
 RETRY_ROOTS = 1024  # the widest level that such a row compares with whole
 RETRY_NODES, RETRY_LEAVES = 32, 64  # nodes and leaves that such a row looks at
-ALONE = 16  # rows compared with every point at once
+ALONE = 8  # rows compared with every point at once: their distances are the largest array there is
 
 Finish = Callable[[Ranked], tuple[Array, ...]]
 

@@ -1,7 +1,8 @@
 """A balanced tree of boxes over a cloud: rows sorted into leaves of 8, by halving along each node's main axis.
 
 A scanner's stray points would stretch the box of every leaf they fall into and make it everybody's neighbour. So points
-far from the median of their leaf are taken out and sorted into leaves of their own, below one more child of the root.
+far from the median of their leaf are taken out and fill leaves of their own, in the order that they have, below one more
+child of the root. Sorting them once more made no search faster, and took a quarter of the time to compile one.
 """
 
 import math
@@ -14,7 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 LEAF = 8  # points per leaf: four leaves fill a word of 32 candidates
 FIRST = 16  # children of the root, at most
 SPLIT = 8  # children per node below, at most
-STRAY = 20.0  # a stray's squared distance from its leaf's median point, in units of the leaf's median
+STRAY = 80.0  # a stray's squared distance from its leaf's median point, in units of the leaf's median
 
 
 class Boxes(NamedTuple):
@@ -71,7 +72,7 @@ def build(xyz: Float[Array, "n 3"], valid: Bool[Array, " n"], *, depth: int) -> 
     own = jnp.nonzero(stray.reshape(-1), size=few, fill_value=-1)[0]
     taken = jnp.zeros(size, dtype=bool).at[jnp.where(own < 0, size, own)].set(True, mode="drop").reshape(rows.shape)
     stray_rows = jnp.where(own < 0, -1, rows.reshape(-1)[own])
-    stray_points, stray_rows = _sort(points.reshape(3, -1)[:, own], stray_rows, [1, *splits[1:]])
+    stray_points, stray_rows = points.reshape(3, -1)[:, own].reshape(3, -1, LEAF), stray_rows.reshape(-1, LEAF)
     rows = jnp.where(taken, -1, rows)
     trunk, branch = _levels(points, rows >= 0, splits), _levels(stray_points, stray_rows >= 0, [1, *splits[1:]])
     levels = [

@@ -13,6 +13,7 @@ from jaxtyping import Array
 from cablejax.train.batches import Plan, epoch_rows
 from cablejax.train.config import TrainConfig
 from cablejax.train.history import EpochRecord
+from cablejax.train.memory import release_freed_memory
 from cablejax.train.metrics import Clouds, Metrics, arrays_of, has_regression, predict, score_all
 from cablejax.train.optimizers import OPTIMIZERS, make_optimizer
 from cablejax.train.placement import Placement
@@ -140,6 +141,7 @@ class Engine:
             everywhere = None if len(self.placement.devices) == 1 else self.placement.everywhere
             jitted = jax.jit(function, donate_argnums=0, out_shardings=everywhere)
             self._run = jitted.lower(state, data, rows, self.schedule).compile()
+            release_freed_memory()
             self.compile_seconds = time.perf_counter() - start
         return self._run
 

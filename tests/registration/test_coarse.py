@@ -1,11 +1,13 @@
 """A start for unknown poses, and several stations in one frame, on scenes whose poses are known."""
 
+import jax
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from cablejax.registration import coarse_start, register, register_stations
 from cablejax.registration.graph import Edge, solve_graph, spanning
+from cablejax.simulate import catalogue, simulate_scan, station_points
 
 VOXELS = (0.08, 0.04)
 
@@ -75,6 +77,31 @@ def test_three_stations_come_into_the_frame_of_the_first():
         assert radians < 3e-3
     assert set(found.pairs) == {(1, 0), (2, 0), (2, 1)}
     assert found.rmse < VOXELS[-1]
+
+
+def test_stations_of_a_cable_come_together_across_it_and_stay_along_it():
+    scan = simulate_scan(
+        catalogue()[8], n_points=24_000, shape="s-bend", arc_deg=120.0, stations=3, key=jax.random.key(7)
+    )
+    clouds = [np.asarray(station_points(scan, i), dtype=np.float64) for i in range(3)]
+    poses = np.asarray(scan.T_cable_station, dtype=np.float64)
+    truth = np.linalg.inv(poses[0]) @ poses
+    starts = [truth[0]]
+    for T, cloud, shift in zip(truth[1:], clouds[1:], ([0.5, 1.0, -1.0], [-1.3, -0.2, -0.6]), strict=True):
+        middle = cloud.mean(axis=0)
+        off = pose([0.5, -0.5, 0.5], [0, 0, 0])
+        off[:3, 3] = middle - off[:3, :3] @ middle + shift
+        starts.append(T @ off)
+    found = register_stations(clouds, voxels=(3.0, 1.5), T_world_station=np.stack(starts))
+    axis = np.linalg.svd(clouds[0] - clouds[0].mean(axis=0), full_matrices=False)[2][0]
+    for T, start, true, cloud in zip(found.T_world_station[1:], starts[1:], truth[1:], clouds[1:], strict=True):
+        middle = np.append(cloud.mean(axis=0), 1.0)
+        before, after = (((pose_ - true) @ middle)[:3] for pose_ in (start, T))
+        across_before, across = (each - (each @ axis) * axis for each in (before, after))
+        assert np.linalg.norm(across_before) > 0.6
+        assert np.linalg.norm(across) < 0.15  # .02 and .06 mm here; noise, and the bias of voxel means
+        assert abs((after - before) @ axis) < 0.2
+    assert all(result.observability[0] < 0.01 <= result.observability[1] for result in found.pairs.values())
 
 
 def test_what_disagrees_is_spread_by_its_certainty():
