@@ -22,6 +22,7 @@ def _template():
     environment = jinja2.Environment(
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
+    environment.filters["code"] = _with_code
     return environment.from_string(TEMPLATE.read_text(encoding="utf-8"))
 
 
@@ -43,13 +44,13 @@ class Page:
         self._needs_plotly = False
 
     def section(self, title: str, *paragraphs: str) -> None:
-        """Begin a section: a heading, listed in the page's contents, and paragraphs of plain text."""
+        """Begin a section: a heading, listed in the page's contents, and paragraphs, as `text` takes them."""
         self._blocks.append({"kind": "section", "title": title, "anchor": f"s{len(self._blocks)}"})
         for paragraph in paragraphs:
             self.text(paragraph)
 
     def text(self, paragraph: str) -> None:
-        """Add a paragraph of plain text; it is escaped."""
+        """Add a paragraph of plain text; it is escaped, and what stands between backticks is set as code."""
         self._blocks.append({"kind": "text", "text": paragraph})
 
     def note(self, text: str) -> None:
@@ -109,6 +110,18 @@ class Page:
         return _template().render(
             title=self.title, subtitle=self.subtitle, blocks=self._blocks, script=_safe(script), safe=_safe
         )
+
+
+def _with_code(text: object):
+    """Plain text as HTML, with what stands between backticks set as code."""
+    import markupsafe
+
+    parts = [markupsafe.escape(part) for part in str(text).split("`")]
+    if len(parts) % 2 == 0:  # a backtick without its partner is a character like others
+        return markupsafe.Markup("`").join(parts)
+    return markupsafe.Markup("").join(
+        markupsafe.Markup("<code>{}</code>").format(part) if i % 2 else part for i, part in enumerate(parts)
+    )
 
 
 def _safe(markup: object):

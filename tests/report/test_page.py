@@ -36,6 +36,15 @@ def test_what_is_given_is_escaped():
         assert raw not in text
 
 
+def test_backticks_set_code_in_pairs():
+    page = Page("t")
+    page.text("`a < b` of one, and a ` alone")
+    page.note("run `cablejax measure`, <b> `x & y`")
+    rendered = page.render()
+    assert "<p>`a &lt; b` of one, and a ` alone</p>" in rendered
+    assert "run <code>cablejax measure</code>, &lt;b&gt; <code>x &amp; y</code>" in rendered
+
+
 def test_rows_must_fit_the_header():
     with pytest.raises(ValueError, match=r"rows: expected 2 cells as in the header, got 1"):
         Page("t").table(["a", "b"], [["1"]], caption="")
