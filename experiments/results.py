@@ -83,6 +83,17 @@ class Results:
         Raises:
             KeyError: If no run is in that cell.
         """
+        return estimate(self._numbers(metric, cell))
+
+    def least(self, metric: str, **cell: Any) -> float:
+        """The smallest over the seeds of a cell, which is what seconds are: other work on the machine only adds to them.
+
+        Raises:
+            KeyError: If no run is in that cell.
+        """
+        return min(self._numbers(metric, cell))
+
+    def _numbers(self, metric: str, cell: dict[str, Any]) -> list[float]:
         rows = self.rows(**cell)
         if not rows:
             raise KeyError(f"{self.raw['experiment']}: no run with {cell}")
@@ -92,4 +103,4 @@ class Results:
             for part in metric.split("."):
                 value = value[part]
             numbers.append(float(value))
-        return estimate(numbers)
+        return numbers

@@ -30,8 +30,7 @@ def optimizers(results: Results) -> Table:
                 results.mean("test_class_average", **cell).format(3),
                 f"{estimate([history[0]['train_loss'] for history in histories]).mean:.3f}",
                 f"{estimate([history[-1]['train_loss'] for history in histories]).mean:.3f}",
-                f"{results.mean('compile_seconds', **cell).mean:.1f}",
-                f"{results.mean('train_seconds', **cell).mean:.0f}",
+                f"{results.least('train_seconds', **cell):.0f}",
             ]
         )
     classes = len(results.config("dataset.sizes_mm2"))
@@ -44,13 +43,13 @@ def optimizers(results: Results) -> Table:
             "class average (eq 21)",
             "first loss",
             "last loss",
-            "compile (s)",
             "train (s)",
         ],
         rows,
         f"Test accuracy at the epoch best on validation; {classes} sizes, {results.config('dataset.n_points')} points a cloud, "
         f"{results.config('training.epochs')} epochs, {schedule(results)}, {told(results)}. {fitted_beside(results)}"
-        f"The paper: {paper.ACCURACY_BEFORE} before, {paper.ACCURACY_AFTER} after Adadelta, on data that is not published.",
+        f"The paper: {paper.ACCURACY_BEFORE} before, {paper.ACCURACY_AFTER} after Adadelta, on data that is not published. "
+        "Seconds are the least of the seeds.",
     )
 
 

@@ -4,6 +4,7 @@ import math
 
 import pytest
 
+from experiments.results import Results
 from experiments.statistics import estimate, fluctuation, paired_difference
 
 
@@ -37,3 +38,13 @@ def test_fluctuation_sees_jumps_and_no_slope():
     # Alternating by 1 about a line: each value lies 2/3 from the mean of three.
     assert fluctuation([0.0, 1.0, 0.0, 1.0, 0.0, 1.0]) == pytest.approx(2 / 3)
     assert math.isnan(fluctuation([1.0, 2.0, 3.0]))
+
+
+def test_seconds_of_a_cell_are_the_least_of_its_seeds():
+    runs = [
+        {"cell": {"filter.name": name}, "metrics": {"s": {"warm": s}}} for name, s in (("a", 3), ("a", 2), ("b", 1))
+    ]
+    results = Results({"experiment": "e", "runs": runs, "config": {}})
+    assert results.least("s.warm", filter__name="a") == 2.0
+    with pytest.raises(KeyError, match="no run"):
+        results.least("s.warm", filter__name="c")
