@@ -25,7 +25,11 @@ def execute(path: Path) -> str:
 
     notebook = nbformat.read(path, as_version=4)
     NotebookClient(
-        notebook, timeout=TIMEOUT_S, startup_timeout=TIMEOUT_S, resources={"metadata": {"path": str(ROOT)}}
+        notebook,
+        timeout=TIMEOUT_S,
+        startup_timeout=TIMEOUT_S,
+        resources={"metadata": {"path": str(ROOT)}},
+        extra_arguments=["--Application.log_level=ERROR"],  # it warns that a kernel on this machine is not encrypted
     ).execute()
     for cell in notebook.cells:
         cell.metadata.pop("execution", None)
