@@ -2,7 +2,7 @@
 
 A scanner's stray points would stretch the box of every leaf they fall into and make it everybody's neighbour. So points
 far from the median of their leaf are taken out and fill leaves of their own, in the order that they have, below one more
-child of the root. Sorting them once more made no search faster, and took a quarter of the time to compile one.
+child of the root. Sorting them once more made no search faster, and took a fifth of the time to compile one.
 """
 
 import math
