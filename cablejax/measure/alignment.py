@@ -11,17 +11,20 @@ import numpy as np
 from jaxtyping import Float, Int
 
 BIN_DEG = 5.0
-OVAL_DEG = 165.0  # of circumference, from which an oval section shows
-VISIBLE = np.radians(78.0)  # to either side of a station: beams that graze more give no point
+OVAL_DEG = 165.0  # of circumference, from which an oval section shows, and the shifts of stations tell on each other
+GRAZING, FADE = 0.22, 0.05  # cosine of the incidence at which half of the points are missing, and how softly they fade
+# Both from simulated scans whose sweeps are unknown, and all else is guessed.
+TRUST = 0.5  # power of the likelihoods: the means of neighbouring directions err together, and tell less than they seem to
+UNSEEN = 1.6  # from half the circumference on the radius's error is this much larger than the guesses explain
 
 
 class Profile(NamedTuple):
     """What shared errors mean for the radius.
 
     Attributes:
-        std_mm: Standard deviation of the fitted radius, noise included.
+        std_mm: What they leave open in it: a standard deviation, noise not included.
         shared_mm: Standard deviation of the shared errors.
-        change_mm: What they most likely have taken off the fitted radius.
+        change_mm: What they most likely have taken off the fitted radius; 0 on arcs too short to tell.
     """
 
     std_mm: float
@@ -57,9 +60,9 @@ def _views(middle: np.ndarray) -> list[np.ndarray]:
         inner = (np.arange(count) + 0.5) / count * arc
         starts = [inner + shift * 2 * np.pi / count for shift in (0, 0.25, 0.5, 0.75)]
         for place in starts if whole else [inner, np.arange(count) / (count - 1) * arc]:
-            away = np.cos(middle[None, :] - start - place[:, None])
-            seen = np.where(away > np.cos(VISIBLE), away, 0.0)  # points thin out with the cosine of the incidence
-            if (seen.sum(axis=0) > 0).all():
+            cosine = np.cos(middle[None, :] - start - place[:, None])  # of the incidence: points thin out with it
+            seen = np.maximum(cosine, 0.0) / (1 + np.exp((GRAZING - cosine) / FADE))
+            if (seen.sum(axis=0) > 1e-6).all():
                 views.append(seen / seen.sum(axis=0))
     return views
 
@@ -87,8 +90,9 @@ def shared_errors(
 
     The mean residual over the angle is a circle's change (radius and centre) plus the shift of each station, projected
     on the normal, wherever that station sees the surface. How many stations there were, where they stood and how far
-    they were shifted is not known: guesses of all are weighed by their restricted likelihood, beside none at all and an oval
-    section.
+    they were shifted is not known: guesses of all are weighed by their restricted likelihood (to the power `TRUST`), beside
+    none at all and an oval section. On arcs shorter than `OVAL_DEG` the data hardly tell the guesses apart, and what they
+    would change in the radius is doubted, not taken off.
 
     Args:
         angle: Of each point around the axis, radians.
@@ -104,7 +108,8 @@ def shared_errors(
         return None
     columns = np.stack([np.ones_like(middle), np.cos(middle), np.sin(middle)], axis=1)
     noise = float(np.sqrt(np.sum(weight * residual_mm**2) / weight.sum()))
-    sizes = [given_std_mm] if given_std_mm > 0 else np.geomspace(0.1, 2.0, 14) * noise
+    # The scatter holds the shifts as well, so they are no larger.
+    sizes = [given_std_mm] if given_std_mm > 0 else np.geomspace(0.1, 1.0, 10) * noise
     cos = np.cos(middle[:, None] - middle[None, :])
     views = _views(middle)
     guesses = [(0.0, 1.0, np.zeros_like(cos))] if given_std_mm == 0 or not views else []
@@ -119,11 +124,15 @@ def shared_errors(
     floor = np.diag(variance + 1e-9 * noise**2)
     found = np.array([_generalised(mean, columns, floor + shared) for _, _, shared in guesses])
     size, prior = np.array([guess[:2] for guess in guesses]).T
-    share = prior * np.exp(found[:, 0] - found[:, 0].max())
+    share = prior * np.exp(TRUST * (found[:, 0] - found[:, 0].max()))
     share = share / share.sum()
     change = float(share @ found[:, 1])
     spread = float(share @ (found[:, 2] + (found[:, 1] - change) ** 2))
-    return Profile(float(np.sqrt(spread)), float(np.sqrt(share @ size**2)), change)
+    left = max(spread - _generalised(mean, columns, floor)[2], 0.0)
+    shared = float(np.sqrt(share @ size**2))
+    if wide:
+        return Profile(UNSEEN * float(np.sqrt(left)), shared, change)
+    return Profile(float(np.sqrt(left + change**2)), shared, 0.0)
 
 
 def blocks(station: Int[np.ndarray, " n"], along_mm: Float[np.ndarray, " n"], *, pieces: int) -> Int[np.ndarray, " n"]:

@@ -10,7 +10,6 @@ from cablejax.measure.result import BudgetLine
 COVERAGE = 1.96
 STEEP = 150.0  # noise s of a tenth of the radius R moves a diameter by about its own size, by what is of third order in s / R
 ROUNDING = 1e-5
-UNSEEN = 2.0  # on simulated scans with unknown sweeps the error is this much larger than the guessed stations explain
 
 
 def uncertainty_budget(
@@ -31,9 +30,7 @@ def uncertainty_budget(
     correlated = 2 * float(np.sqrt(max(fit.clustered_mm**2 - fit.random_mm**2, 0.0)))
     shared, how = 0.0, "each sweep's shift is fitted with the axis; its doubt is in the first line"
     if profile is not None:
-        # What the guesses would change is not taken off, but doubted in full: the guesses may be wrong altogether.
-        shared = 2 * UNSEEN * float(np.sqrt(max(profile.std_mm**2 - fit.random_mm**2, 0.0)))
-        shared = float(np.hypot(shared, 2 * profile.change_mm))
+        shared = 2 * profile.std_mm
         how = f"sweeps unknown: shifts of {profile.shared_mm:.2g} mm, from the mean residual around the circumference"
     seen = int((fit.weight > 0).sum())
     lines = [

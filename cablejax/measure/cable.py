@@ -188,12 +188,12 @@ def _sections(fit: CableFit, settings: MeasureSettings) -> Sections:
 def _headline(fit: CableFit, shape: Oval | None, profile: Profile | None, bias_mm: float) -> float:
     """The diameter reported: of the circle, or of an oval much larger than the errors that directions share.
 
-    The widening by noise is taken off.
+    The widening by noise is taken off, and from a circle what the directions' errors have most likely done to it.
     """
-    shared = 0.0 if profile is None else profile.shared_mm
+    shared, change = (0.0, 0.0) if profile is None else (profile.shared_mm, profile.change_mm)
     unsure = 0.0 if shape is None else max(shape.amplitude_std_mm, 4 * shared)
     certain = shape is not None and shape.maximum_mm - shape.minimum_mm > 4 * unsure
-    mean = shape.diameter_mm if shape is not None and certain else 2 * fit.radius_mm
+    mean = shape.diameter_mm if shape is not None and certain else 2 * (fit.radius_mm + change)
     return mean - bias_mm
 
 

@@ -33,8 +33,9 @@ def test_without_shared_errors_the_profile_adds_little():
     angle = rng.uniform(0, 2 * np.pi, 20_000)
     found = shared_errors(angle, 0.1 * rng.normal(size=20_000), np.ones(20_000))
     assert found is not None
-    # The radius's standard deviation on a whole circle is that of a mean, .1 / sqrt(20,000), and a share for the doubt.
-    assert 0.95 < found.std_mm / (0.1 / np.sqrt(20_000)) < 1.5
+    # Noise alone leaves .1 / sqrt(20,000) in the mean of a whole circle: shifts much larger than that would show.
+    assert found.std_mm < 4 * 0.1 / np.sqrt(20_000)
+    assert abs(found.change_mm) < 2 * 0.1 / np.sqrt(20_000)
 
 
 def test_a_shift_of_the_whole_scan_is_no_error_of_the_radius():
@@ -44,6 +45,26 @@ def test_a_shift_of_the_whole_scan_is_no_error_of_the_radius():
     found = shared_errors(angle, residual, np.ones(20_000))
     assert found is not None
     assert found.std_mm < 0.01
+
+
+def test_what_shifted_stations_did_to_a_whole_circle_is_taken_off():
+    """Four stations pushed in and out by turns, each seen by the cosine of the incidence: a circle looks too small."""
+    rng = np.random.default_rng(5)
+    wrong, right = [], []
+    for _ in range(20):
+        angle = rng.uniform(0, 2 * np.pi, 40_000)
+        place = rng.uniform(0, 2 * np.pi) + np.arange(4) * np.pi / 2
+        seen = np.clip(np.cos(angle[:, None] - place), 0, None)
+        pick = (seen.cumsum(axis=1) / seen.sum(axis=1, keepdims=True) > rng.uniform(size=(40_000, 1))).argmax(axis=1)
+        shift = 0.1 * rng.normal(size=(4, 2))[pick]
+        residual = shift[:, 0] * np.cos(angle) + shift[:, 1] * np.sin(angle) + 0.1 * rng.normal(size=40_000)
+        circle = np.stack([np.ones_like(angle), np.cos(angle), np.sin(angle)], axis=1)
+        fitted, *_ = np.linalg.lstsq(circle, residual, rcond=None)
+        found = shared_errors(angle, residual - circle @ fitted, np.ones(40_000))
+        assert found is not None
+        wrong.append(fitted[0])
+        right.append(fitted[0] + found.change_mm)
+    assert np.std(right) < 0.7 * np.std(wrong)
 
 
 def test_too_few_directions_give_none():

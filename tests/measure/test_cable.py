@@ -20,7 +20,7 @@ def test_half_arc_is_the_diameter_within_its_interval(half):
     # Noise .1 on 6,000 points over a half arc: standard deviation .005 mm of the diameter by the fit's own statistics.
     assert half.diameter_mm == pytest.approx(30, abs=0.02)
     assert half.interval_mm[0] < 30 < half.interval_mm[1]
-    assert 0.0045 < half.std_mm < 0.025  # nor is it known whether the points come from stations that are shifted
+    assert 0.0045 < half.std_mm < 0.035  # nor is it known whether the points come from stations that are shifted
     assert half.noise_mm == pytest.approx(0.1, rel=0.05)
     assert half.length_mm == pytest.approx(400, abs=0.5)
     assert half.bend_radius_mm is None
