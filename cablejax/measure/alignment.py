@@ -14,7 +14,7 @@ BIN_DEG = 5.0
 OVAL_DEG = 165.0  # of circumference, from which an oval section shows, and the shifts of stations tell on each other
 GRAZING, FADE = 0.22, 0.05  # cosine of the incidence at which half of the points are missing, and how softly they fade
 # Both from simulated scans whose sweeps are unknown, and all else is guessed.
-TRUST = 0.5  # power of the likelihoods: the means of neighbouring directions err together, and tell less than they seem to
+TRUST = 0.5  # power of the likelihoods: means of neighbouring directions err together and tell less than they seem to
 UNSEEN = 1.6  # from half the circumference on the radius's error is this much larger than the guesses explain
 
 
