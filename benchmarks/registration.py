@@ -6,8 +6,8 @@ Two sources of clouds: the LiDAR pair of small_gicp (MIT) from the identity, who
 and two stations of a simulated cable with two bends, 10,000 to 1,000,000 points each, from 2.5 mm and 1 degree off. Such
 a cable shows 0.3 % of a motion along its length; `least_share` is set to 0.1 %, so that ours moves along it as the others
 do, and the error is the one across the cable. All contenders thin to the same voxels,
-level by level, and pair within the same reach; normals come from 20 neighbours, and of the target alone for
-point-to-plane. Rounds take turns and draw other points. The first call of a size and the first one on other clouds of
+level by level, and pair within the same reach; normals come from 20 neighbours (ours from those within 2.5 voxels where
+there are enough), and of the target alone for point-to-plane. Rounds take turns and draw other points. The first call of a size and the first one on other clouds of
 about that size are given apart, since compilation is in them.
 """
 
@@ -226,7 +226,7 @@ def main() -> None:
                     f"{row['first_call_s']:7.2f} s first{row['other_clouds_first_s']:7.2f} s other clouds", flush=True,
                 )  # fmt: skip
     if options.write:
-        config = {"rounds": options.rounds, "k_normals": 20}
+        config = {"rounds": options.rounds}
         RESULT.parent.mkdir(parents=True, exist_ok=True)
         if RESULT.is_file():
             measured = {(row["clouds"], row["points"]) for row in rows}

@@ -2,6 +2,7 @@
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.sparse import coo_array
 from scipy.spatial import KDTree
 
 BLOCK = 1024  # points whose neighbourhoods are summed at once: they stay in the cache, four times as fast
@@ -35,19 +36,49 @@ def nearest(
     return np.asarray(distance).reshape(-1, k), np.asarray(near).reshape(-1, k)
 
 
-def spread_of(xyz: Float[np.ndarray, "n 3"], tree: KDTree, *, k: int) -> Float[np.ndarray, "n 6"]:
-    """Covariance of the `k` nearest points about each point: its entries xx, yy, zz, xy, xz, yz `[n, 6]`."""
-    _, near = nearest(tree, xyz, k=min(k, len(xyz)))
+def spread_of(
+    xyz: Float[np.ndarray, "n 3"], tree: KDTree, *, k: int, at: Float[np.ndarray, "m 3"] | None = None
+) -> Float[np.ndarray, "m 6"]:
+    """Covariance of the `k` points nearest to each point, or to each of `at`: its entries xx, yy, zz, xy, xz, yz `[m, 6]`."""
+    at = xyz if at is None else at
+    _, near = nearest(tree, at, k=min(k, len(xyz)))
     columns = [np.ascontiguousarray(column) for column in xyz.T]
-    out = np.empty((len(xyz), 6))
-    for first in range(0, len(xyz), BLOCK):
+    out = np.empty((len(at), 6))
+    for first in range(0, len(at), BLOCK):
         part = slice(first, first + BLOCK)
         rows = near[part].T  # sums over the neighbours are then sums of long rows
-        around = [column.take(rows) - column[part] for column in columns]
+        around = [column.take(rows) - place for column, place in zip(columns, at[part].T, strict=True)]
         x, y, z = (values - values.mean(axis=0) for values in around)
         for entry, (a, b) in enumerate(((x, x), (y, y), (z, z), (x, y), (x, z), (y, z))):
             out[part, entry] = np.einsum("kn,kn->n", a, b) / len(rows)
     return out
+
+
+def spread_within(
+    xyz: Float[np.ndarray, "n 3"], tree: KDTree, *, radius: float, least: int, k: int
+) -> Float[np.ndarray, "n 6"]:
+    """Covariance of the points within `radius` of each point, as in `spread_of`; of the `k` nearest where that holds fewer
+    than `least`.
+
+    All pairs at once come out of the tree several times as fast as neighbours point by point.
+    """
+    n, pairs = len(xyz), tree.query_pairs(radius, output_type="ndarray")
+    x, y, z = (xyz - xyz.mean(axis=0)).T
+    own = np.stack([np.ones(n), x, y, z, *_products(x, y, z)], axis=1)
+    other = coo_array((np.ones(len(pairs)), tuple(pairs.T)), shape=(n, n)).tocsr()
+    total = own + other @ own + other.T @ own
+    count = total[:, 0]
+    mean = total[:, 1:] / count[:, None]
+    out = mean[:, 3:] - np.stack(_products(*mean[:, :3].T), axis=1)
+    lonely = count < least
+    if lonely.any():
+        out[lonely] = spread_of(xyz, tree, k=k, at=xyz[lonely])
+    return out
+
+
+def _products(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> list[np.ndarray]:
+    """xx, yy, zz, xy, xz, yz."""
+    return [x * x, y * y, z * z, x * y, x * z, y * z]
 
 
 def least_direction(spread: Float[np.ndarray, "n 6"]) -> Float[np.ndarray, "n 3"]:

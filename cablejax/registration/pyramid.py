@@ -14,8 +14,7 @@ from cablejax.registration.result import RegistrationResult
 from cablejax.registration.step import Kernel, Method
 from cablejax.registration.voxels import voxel_pyramid
 
-K_NORMALS = 20
-TOLERANCE, COARSE_TOLERANCE = 1e-4, 1e-2  # of the spacing: a coarse level only has to bring the next one near
+TOLERANCE, COARSE_TOLERANCE = 1e-3, 3e-2  # of the spacing: a coarse level only has to bring the next one near
 
 
 def register(
@@ -61,10 +60,12 @@ def register(
         return nothing(T, 0, 0)
     if start == "features":
         T = coarse_start(moving, fixed, voxel=max(voxels)).T_target_source
-    with ThreadPoolExecutor(1) as pool:  # NumPy and the tree release the lock: the clouds are thinned side by side
-        ahead = pool.submit(_levels, fixed, voxels, K_NORMALS)
-        near = _levels(moving, voxels, K_NORMALS if method == "gicp" else None)
-        far = ahead.result()
+    if method == "gicp":
+        with ThreadPoolExecutor(1) as pool:  # NumPy and the tree release the lock: the clouds are thinned side by side
+            ahead = pool.submit(_levels, fixed, voxels, normals=True)
+            near, far = _levels(moving, voxels, normals=True), ahead.result()
+    else:  # without normals the source is done in less time than threads take to begin
+        near, far = _levels(moving, voxels, normals=False), _levels(fixed, voxels, normals=True)
     capacity = max(len(level.xyz) for level in near)
     result = nothing(T, 0, 0)
     for number, (size, source_level, target_level) in enumerate(zip(voxels, near, far, strict=True), 1):
@@ -78,6 +79,6 @@ def register(
     return result
 
 
-def _levels(xyz: Float[np.ndarray, "n 3"], voxels: Sequence[float | int], k: int | None) -> list[Oriented]:
-    """A cloud thinned to each voxel size, with normals where `k` is given."""
-    return [Oriented(level.xyz, level.normals()) for level in voxel_pyramid(xyz, voxels, k=k)]
+def _levels(xyz: Float[np.ndarray, "n 3"], voxels: Sequence[float | int], *, normals: bool) -> list[Oriented]:
+    """A cloud thinned to each voxel size, with normals if wanted."""
+    return [Oriented(level.xyz, level.normals()) for level in voxel_pyramid(xyz, voxels, spread=normals)]

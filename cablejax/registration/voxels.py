@@ -6,7 +6,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from cablejax.registration.normals import least_direction, plain_tree, spread_of
+from cablejax.registration.normals import least_direction, plain_tree, spread_within
+
+AROUND = 2.5  # voxels within which neighbours tell the normal: some twenty on a surface that fills its voxels
+FEWEST, INSTEAD = 8, 20  # where there are fewer neighbours than these, so many of the nearest
 
 
 class Thinned(NamedTuple):
@@ -15,16 +18,16 @@ class Thinned(NamedTuple):
     Attributes:
         xyz: Means `[m, 3]`.
         count: Number of points behind each `[m]`.
-        spread: Entries xx, yy, zz, xy, xz, yz of the covariance of the surroundings `[m, 6]`.
+        spread: Entries xx, yy, zz, xy, xz, yz of the covariance of the surroundings `[m, 6]`, where it was asked for.
     """
 
     xyz: Float[np.ndarray, "m 3"]
     count: Float[np.ndarray, " m"]  # pyright: ignore[reportIncompatibleMethodOverride]
-    spread: Float[np.ndarray, "m 6"]
+    spread: Float[np.ndarray, "m 6"] | None
 
     def normals(self) -> Float[np.ndarray, "m 3"]:
         """Unit normals of either sign; zeros where the spread is not known."""
-        return np.zeros_like(self.xyz) if not self.spread.any() else least_direction(self.spread)
+        return np.zeros_like(self.xyz) if self.spread is None else least_direction(self.spread)
 
 
 class _Groups(NamedTuple):
@@ -86,6 +89,8 @@ def _coarser(fine: Thinned, size: float) -> Thinned:
     groups = _grouped(fine.xyz, size)
     count, rows = groups.sums(fine.count), groups.sizes()
     xyz = groups.sums(fine.count[:, None] * fine.xyz) / count[:, None]
+    if fine.spread is None:
+        return Thinned(xyz, count, None)
     voxel = np.empty(len(fine.xyz), np.int64)
     voxel[groups.order] = np.repeat(np.arange(len(rows)), rows.astype(np.int64))
     x, y, z = (fine.xyz - xyz[voxel]).T
@@ -94,7 +99,7 @@ def _coarser(fine: Thinned, size: float) -> Thinned:
     return Thinned(xyz, count, total / rows[:, None])
 
 
-def voxel_pyramid(xyz: Float[np.ndarray, "n 3"], sizes: Sequence[float | int], *, k: int | None) -> list[Thinned]:
+def voxel_pyramid(xyz: Float[np.ndarray, "n 3"], sizes: Sequence[float | int], *, spread: bool) -> list[Thinned]:
     """The cloud thinned to each of some voxel sizes: the finest from the points, each other from the next finer one.
 
     Where a size is a multiple of the next finer one these are the means of the points in each voxel; else points near a
@@ -103,7 +108,7 @@ def voxel_pyramid(xyz: Float[np.ndarray, "n 3"], sizes: Sequence[float | int], *
     Args:
         xyz: Points `[n, 3]`, at least one.
         sizes: Sides of the voxels, in the order of the result.
-        k: Nearest means whose covariance is the spread of the finest level; None for no spread at all.
+        spread: Whether to find the spread: at the finest level the covariance of the means around.
 
     Raises:
         ValueError: If a size is not positive.
@@ -113,8 +118,10 @@ def voxel_pyramid(xyz: Float[np.ndarray, "n 3"], sizes: Sequence[float | int], *
         if not done:
             groups = _grouped(xyz, size)
             means = groups.sums(xyz) / groups.sizes()[:, None]
-            spread = np.zeros((len(means), 6)) if k is None else spread_of(means, plain_tree(means), k=k)
-            done[size] = Thinned(means, groups.sizes(), spread)
+            shape = None
+            if spread:
+                shape = spread_within(means, plain_tree(means), radius=AROUND * size, least=FEWEST, k=INSTEAD)
+            done[size] = Thinned(means, groups.sizes(), shape)
         else:
             done[size] = _coarser(done[max(done)], size)
     return [done[float(size)] for size in sizes]

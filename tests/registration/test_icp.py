@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from cablejax.io import read_points
 from cablejax.registration import icp, register, surface_normals, voxel_means
-from cablejax.registration.normals import least_direction
+from cablejax.registration.normals import least_direction, plain_tree, spread_of, spread_within
 from cablejax.registration.voxels import voxel_pyramid
 from cablejax.types import PointCloud, Status
 from tests.reference.circles import bent_cable
@@ -164,13 +164,28 @@ def test_voxel_means_are_the_means():
 
 def test_coarser_levels_are_the_means_too():
     xyz = np.random.default_rng(0).uniform(-3, 3, size=(500, 3))
-    coarse, fine = voxel_pyramid(xyz, [1.0, 0.5], k=8)
+    coarse, fine = voxel_pyramid(xyz, [1.0, 0.5], spread=True)
     np.testing.assert_allclose(coarse.xyz, voxel_means(xyz, 1.0), atol=1e-12)
     assert coarse.count.sum() == fine.count.sum() == 500
     # The spread of a coarse voxel: its fine ones' own, and what their means scatter about its mean.
     inside = (np.floor(fine.xyz) == np.floor(coarse.xyz[0])).all(axis=1)
     off = fine.xyz[inside] - coarse.xyz[0]
     np.testing.assert_allclose(coarse.spread[0, 0], (fine.spread[inside, 0] + off[:, 0] ** 2).mean(), atol=1e-12)
+
+
+def test_spread_is_the_covariance_of_the_surroundings():
+    rng = np.random.default_rng(0)
+    xyz = (
+        np.concatenate([rng.uniform(size=(400, 3)), [[3.0, 0.0, 0.0], [3.1, 0.1, 0.0]]]) + 1e6
+    )  # two lonely points, far out
+    found = spread_within(xyz, plain_tree(xyz), radius=0.2, least=4, k=6)
+    entries = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+    for row in (0, 7, 400):
+        distance = np.linalg.norm(xyz - xyz[row], axis=1)
+        near = distance <= 0.2 if (distance <= 0.2).sum() >= 4 else np.argsort(distance)[:6]
+        expected = np.cov(xyz[near].T, bias=True)
+        np.testing.assert_allclose(found[row], [expected[i, j] for i, j in entries], atol=1e-8)
+    np.testing.assert_allclose(found[400:], spread_of(xyz, plain_tree(xyz), k=6)[400:], atol=1e-12)
 
 
 def test_normals_are_the_eigenvectors():
