@@ -7,8 +7,8 @@ and two stations of a simulated cable with two bends, 10,000 to 1,000,000 points
 a cable shows 0.3 % of a motion along its length; `least_share` is set to 0.1 %, so that ours moves along it as the others
 do, and the error is the one across the cable. All contenders thin to the same voxels,
 level by level, and pair within the same reach; normals come from 20 neighbours (ours from those within 2.5 voxels where
-there are enough), and of the target alone for point-to-plane. Rounds take turns and draw other points. The first call of a size and the first one on other clouds of
-about that size are given apart, since compilation is in them.
+there are enough), and of the target alone for point-to-plane. Rounds take turns and draw other points. The first call of
+a size and the first one on other clouds of about that size are given apart, since compilation is in them.
 """
 
 import argparse

@@ -27,7 +27,8 @@ def host_points(cloud: PointCloud | Num[np.ndarray, "n 3"], name: str) -> Float[
     xyz = np.asarray(cloud, dtype=np.float64)
     if xyz.ndim != 2 or xyz.shape[1] != 3:
         raise ValueError(f"{name}: expected shape [n, 3], got {list(xyz.shape)}")
-    return xyz[np.isfinite(xyz).all(axis=1)]
+    finite = np.isfinite(xyz)
+    return xyz if finite.all() else xyz[finite.all(axis=1)]
 
 
 def check_options(method: str, kernel: str, max_iterations: int) -> None:
