@@ -27,6 +27,7 @@ from cablejax.registration import register
 
 RESULT = Path("results/benchmarks/registration.json")
 METHODS = ("plane", "gicp")
+REST_S = 0.05  # before each run: threads of the library before wait for more work by spinning
 
 
 class Task(NamedTuple):
@@ -157,6 +158,7 @@ def errors(task: Task, T: np.ndarray) -> tuple[float, float]:
 
 def timed(run: Contender, task: Task, method: str) -> tuple[float, np.ndarray]:
     """Seconds and the motion found."""
+    time.sleep(REST_S)
     start = time.perf_counter()
     T = run(task, method)
     return time.perf_counter() - start, T
