@@ -62,23 +62,17 @@ def register(
         T = coarse_start(moving, fixed, voxel=max(voxels)).T_target_source
     if method == "gicp":
         with ThreadPoolExecutor(1) as pool:  # NumPy and the tree release the lock: the clouds are thinned side by side
-            ahead = pool.submit(_levels, fixed, voxels, normals=True)
-            near, far = _levels(moving, voxels, normals=True), ahead.result()
+            ahead = pool.submit(voxel_pyramid, fixed, voxels, spread=True)
+            near, far = voxel_pyramid(moving, voxels, spread=True), ahead.result()
     else:  # without normals the source is done in less time than threads take to begin
-        near, far = _levels(moving, voxels, normals=False), _levels(fixed, voxels, normals=True)
+        near, far = voxel_pyramid(moving, voxels, spread=False), voxel_pyramid(fixed, voxels, spread=True)
     capacity = max(len(level.xyz) for level in near)
     result = nothing(T, 0, 0)
     for number, (size, source_level, target_level) in enumerate(zip(voxels, near, far, strict=True), 1):
+        small, large = (Oriented(level.xyz, level.normals()) for level in (source_level, target_level))
+        tree = target_level.tree or plain_tree(large.xyz)
         tolerance = TOLERANCE if number == len(voxels) else COARSE_TOLERANCE
         options = Options(method, kernel, max_iterations, tolerance, float(least_share))
-        result = between(
-            source_level, target_level, plain_tree(target_level.xyz), T, options,
-            spacing=size, reach=reach * size, capacity=capacity,
-        )  # fmt: skip
+        result = between(small, large, tree, T, options, spacing=size, reach=reach * size, capacity=capacity)
         T = result.T_target_source
     return result
-
-
-def _levels(xyz: Float[np.ndarray, "n 3"], voxels: Sequence[float | int], *, normals: bool) -> list[Oriented]:
-    """A cloud thinned to each voxel size, with normals if wanted."""
-    return [Oriented(level.xyz, level.normals()) for level in voxel_pyramid(xyz, voxels, spread=normals)]

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.spatial import KDTree
 
 from cablejax.registration.normals import least_direction, plain_tree, spread_within
 
@@ -19,11 +20,13 @@ class Thinned(NamedTuple):
         xyz: Means `[m, 3]`.
         count: Number of points behind each `[m]`.
         spread: Entries xx, yy, zz, xy, xz, yz of the covariance of the surroundings `[m, 6]`, where it was asked for.
+        tree: Over the means, where one was built for that.
     """
 
     xyz: Float[np.ndarray, "m 3"]
     count: Float[np.ndarray, " m"]  # pyright: ignore[reportIncompatibleMethodOverride]
     spread: Float[np.ndarray, "m 6"] | None
+    tree: KDTree | None = None
 
     def normals(self) -> Float[np.ndarray, "m 3"]:
         """Unit normals of either sign; zeros where the spread is not known."""
@@ -118,10 +121,11 @@ def voxel_pyramid(xyz: Float[np.ndarray, "n 3"], sizes: Sequence[float | int], *
         if not done:
             groups = _grouped(xyz, size)
             means = groups.sums(xyz) / groups.sizes()[:, None]
-            shape = None
+            shape, tree = None, None
             if spread:
-                shape = spread_within(means, plain_tree(means), radius=AROUND * size, least=FEWEST, k=INSTEAD)
-            done[size] = Thinned(means, groups.sizes(), shape)
+                tree = plain_tree(means)
+                shape = spread_within(means, tree, radius=AROUND * size, least=FEWEST, k=INSTEAD)
+            done[size] = Thinned(means, groups.sizes(), shape, tree)
         else:
             done[size] = _coarser(done[max(done)], size)
     return [done[float(size)] for size in sizes]
