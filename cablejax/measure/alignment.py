@@ -15,6 +15,7 @@ OVAL_DEG = 165.0  # of circumference, from which an oval section shows, and the 
 GRAZING, FADE = 0.22, 0.05  # cosine of the incidence at which half of the points are missing, and how softly they fade
 # Both from simulated scans whose sweeps are unknown, and all else is guessed.
 TRUST = 0.5  # power of the likelihoods: means of neighbouring directions err together and tell less than they seem to
+WILD = 0.5  # of the scatter: a larger change of the radius comes from no shifts of stations, but from what is not round
 UNSEEN = 1.6  # from half the circumference on the radius's error is this much larger than the guesses explain
 
 
@@ -24,7 +25,7 @@ class Profile(NamedTuple):
     Attributes:
         std_mm: What they leave open in it: a standard deviation, noise not included.
         shared_mm: Standard deviation of the shared errors.
-        change_mm: What they most likely have taken off the fitted radius; 0 on arcs too short to tell.
+        change_mm: What they most likely have taken off the fitted radius; 0 where that cannot be told.
     """
 
     std_mm: float
@@ -91,8 +92,8 @@ def shared_errors(
     The mean residual over the angle is a circle's change (radius and centre) plus the shift of each station, projected
     on the normal, wherever that station sees the surface. How many stations there were, where they stood and how far
     they were shifted is not known: guesses of all are weighed by their restricted likelihood (to the power `TRUST`), beside
-    none at all and an oval section. On arcs shorter than `OVAL_DEG` the data hardly tell the guesses apart, and what they
-    would change in the radius is doubted, not taken off.
+    none at all and an oval section. What they change in the radius is doubted in full, since all may be wrong; and on arcs
+    shorter than `OVAL_DEG`, where the data hardly tell them apart, it is not taken off.
 
     Args:
         angle: Of each point around the axis, radians.
@@ -130,9 +131,8 @@ def shared_errors(
     spread = float(share @ (found[:, 2] + (found[:, 1] - change) ** 2))
     left = max(spread - _generalised(mean, columns, floor)[2], 0.0)
     shared = float(np.sqrt(share @ size**2))
-    if wide:
-        return Profile(UNSEEN * float(np.sqrt(left)), shared, change)
-    return Profile(float(np.sqrt(left + change**2)), shared, 0.0)
+    std = float(np.hypot((UNSEEN if wide else 1.0) * np.sqrt(left), change))
+    return Profile(std, shared, change if wide and abs(change) < WILD * noise else 0.0)
 
 
 def blocks(station: Int[np.ndarray, " n"], along_mm: Float[np.ndarray, " n"], *, pieces: int) -> Int[np.ndarray, " n"]:
