@@ -56,7 +56,7 @@ def test_what_shifted_stations_did_to_a_whole_circle_is_taken_off():
         place = rng.uniform(0, 2 * np.pi) + np.arange(4) * np.pi / 2
         seen = np.clip(np.cos(angle[:, None] - place), 0, None)
         pick = (seen.cumsum(axis=1) / seen.sum(axis=1, keepdims=True) > rng.uniform(size=(40_000, 1))).argmax(axis=1)
-        shift = 0.1 * rng.normal(size=(4, 2))[pick]
+        shift = 0.05 * rng.normal(size=(4, 2))[pick]
         residual = shift[:, 0] * np.cos(angle) + shift[:, 1] * np.sin(angle) + 0.1 * rng.normal(size=40_000)
         circle = np.stack([np.ones_like(angle), np.cos(angle), np.sin(angle)], axis=1)
         fitted, *_ = np.linalg.lstsq(circle, residual, rcond=None)
@@ -65,6 +65,19 @@ def test_what_shifted_stations_did_to_a_whole_circle_is_taken_off():
         wrong.append(fitted[0])
         right.append(fitted[0] + found.change_mm)
     assert np.std(right) < 0.7 * np.std(wrong)
+
+
+def test_what_is_not_round_is_doubted_and_not_taken_off():
+    """A handle on a quarter of the circumference, ten times as high as the noise."""
+    rng = np.random.default_rng(6)
+    angle = rng.uniform(0, 2 * np.pi, 20_000)
+    residual = 0.1 * rng.normal(size=20_000) + np.where(np.abs(angle - 2) < np.pi / 4, 1.0, 0.0)
+    circle = np.stack([np.ones_like(angle), np.cos(angle), np.sin(angle)], axis=1)
+    fitted, *_ = np.linalg.lstsq(circle, residual, rcond=None)
+    found = shared_errors(angle, residual - circle @ fitted, np.ones(20_000))
+    assert found is not None
+    assert found.change_mm == 0
+    assert found.std_mm > 0.5 * abs(fitted[0])
 
 
 def test_too_few_directions_give_none():
