@@ -116,10 +116,10 @@ def warnings_about(result: CableMeasurement, find: Find, *, oval_arc_deg: float)
             f"Only {result.arc_deg:.0f} degrees of the circumference were seen: the section is taken to be round, "
             "and an oval one would not show."
         )
-    for second in find.walks[1:]:
-        first = find.walks[0]
+    for number, second in enumerate(find.walks[1:], 1):
+        first, *between = find.walks[:number]
         alike = 0.5 < 2 * second.radius_mm / result.diameter_mm < 2 and second.length_mm > 0.3 * first.length_mm
-        if alike and share(second, first) < 0.1:
+        if alike and share(second, first) < 0.1 and all(share(second, better) < 0.3 for better in between):
             out.append(
                 f"A second cable was found, of about {2 * second.radius_mm:.3g} mm over {second.length_mm:.0f} mm: the "
                 "longer and better one was measured. Cut the scan to measure the other."

@@ -30,7 +30,7 @@ from cablejax.measure.freeform import free_section
 from cablejax.measure.nominal import nominal_probabilities, verdict
 from cablejax.measure.planes import Plane
 from cablejax.measure.result import CableMeasurement
-from cablejax.measure.sections import Oval, Sections, cut, oval
+from cablejax.measure.sections import Oval, Sections, arc_seen, cut, oval
 from cablejax.measure.sweeps import at_the_edge, sweeps_of
 from cablejax.measure.walk import Walk
 from cablejax.types import PointCloud
@@ -169,8 +169,7 @@ def _best(
             failure = failure or too_rough(fitted.fit.noise_mm, fitted.fit.radius_mm)
             continue
         sections = _sections(fitted.fit, settings)
-        seen = sections.points >= 0.2 * np.median(sections.points)
-        arc = float(np.median(sections.arc_deg[seen]))
+        arc = arc_seen(fitted.fit, sections)
         if arc >= settings.min_arc_deg:
             return fitted, sections, arc
         failure = failure or arc_too_small(arc, settings.min_arc_deg, find)

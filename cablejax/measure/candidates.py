@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from cablejax.measure.cylinder import radial
 from cablejax.measure.planes import Plane, find_planes
-from cablejax.measure.search import find_candidates, score, tolerance_of
+from cablejax.measure.search import ROUGHNESSES, TOLERANCE, find_candidates, score, tolerance_of
 from cablejax.measure.thinning import Surface, surface
 from cablejax.measure.walk import Walk, walk
 
@@ -76,8 +76,11 @@ def share(way: Walk, other: Walk) -> float:
 
 def same(way: Walk, other: Walk) -> bool:
     """Whether two walks are the same thing: common points and about the same radius."""
-    ratio = way.radius_mm / other.radius_mm
-    return share(way, other) > 0.3 and 1 / 1.5 < ratio < 1.5
+    return share(way, other) > 0.3 and _alike(way.radius_mm, other.radius_mm)
+
+
+def _alike(radius: float, other: float) -> bool:
+    return 1 / 1.5 < radius / other < 1.5
 
 
 def find_cables(
@@ -92,17 +95,19 @@ def find_cables(
         most: How many walks to return at most.
     """
     thinned, planes, left = _without_planes(xyz, target, rng)
-    walks = []
-    walked = np.zeros(len(thinned.xyz), dtype=bool)
+    walks: list[tuple[float, Walk]] = []
     for candidate in find_candidates(thinned, rng=rng):
         radius = candidate.cylinder.radius_mm
         _, rows = score(thinned, candidate.cylinder, tolerance_of(thinned, radius))
-        if len(walks) >= MOST_WALKS or walked[rows].mean() > 0.5:
+        # A short piece does not hide the cable it lies on; nor a cylinder of another radius the right one, on a smooth surface.
+        smooth = ROUGHNESSES * thinned.roughness_mm < TOLERANCE * radius
+        long = [way for _, way in walks if way.length_mm >= 4 * way.radius_mm]
+        before = [way.rows for way in long if not smooth or _alike(way.radius_mm, radius)]
+        if len(walks) >= MOST_WALKS or (before and np.isin(rows, np.concatenate(before)).mean() > 0.5):
             continue
         way = walk(thinned, candidate.cylinder)
         if way is not None and way.length_mm >= radius:
             walks.append((merit(thinned, way), way))
-            walked[way.rows] |= way.length_mm >= 4 * radius  # a short piece must not hide the cable it lies on
     chosen: list[Walk] = []
     for value, way in sorted(walks, key=lambda pair: -pair[0]):
         if len(chosen) < most and value > 0 and not any(same(way, better) for better in chosen):

@@ -10,6 +10,10 @@ from cablejax.measure.cylinder import Cylinder, fit_cylinder, radial
 from cablejax.measure.thinning import Surface
 
 NORMAL_COS = np.cos(np.radians(30))
+TOLERANCE, ROUGHNESSES = (
+    0.1,
+    3.0,
+)  # a point lies on a cylinder within so much of the radius, or so many times the roughness
 REACH = 3.0  # radii: a cable that bends by 15 diameters leaves its tangent by 0.15 radii over that length
 
 
@@ -75,7 +79,7 @@ def score(surface: Surface, cylinder: Cylinder, tolerance: float) -> tuple[float
 
 def tolerance_of(surface: Surface, radius: float) -> float:
     """How far a point may lie from its cylinder: three times the roughness, between a tenth and half of the radius."""
-    return float(np.clip(3 * surface.roughness_mm, 0.1 * radius, 0.5 * radius))
+    return float(np.clip(ROUGHNESSES * surface.roughness_mm, TOLERANCE * radius, 0.5 * radius))
 
 
 def _threads(surface: Surface, count: int, rng: np.random.Generator) -> list[Cylinder]:

@@ -59,11 +59,22 @@ def _angles(fit: CableFit) -> np.ndarray:
     return np.arctan2(fit.place.v, fit.place.u)
 
 
-def arc_of(angle: Float[np.ndarray, " n"]) -> float:
-    """Degrees of circumference that hold points, counted in bins of `BIN_DEG`."""
+def arc_of(angle: Float[np.ndarray, " n"], *, share: float = 0.02) -> float:
+    """Degrees of circumference that hold points, in bins of `BIN_DEG` with more than a share of what the fullest eight hold."""
     bins = np.floor(np.degrees(angle) % 360 / BIN_DEG).astype(int)
     counts = np.bincount(bins, minlength=int(360 / BIN_DEG))
-    return float((counts > 0.02 * counts.max()).sum() * BIN_DEG)
+    return float((counts > share * np.sort(counts)[-8:].mean()).sum() * BIN_DEG)
+
+
+def arc_seen(fit: CableFit, sections: Sections) -> float:
+    """Degrees of circumference that the scan shows: in the middle one of its sections, and over the whole length.
+
+    A section of few points leaves gaps, a whole cable seen from different sides along its length shows more than any section
+    does, and stray points show in single sections everywhere: the lesser of the two counts.
+    """
+    held = sections.points >= 0.2 * np.median(sections.points)
+    whole = arc_of(_angles(fit)[fit.weight > 0], share=0.1)
+    return min(float(np.median(sections.arc_deg[held])), whole)
 
 
 def cut(fit: CableFit, *, step_mm: float) -> Sections:
