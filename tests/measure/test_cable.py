@@ -43,6 +43,23 @@ def test_short_arcs_widen_the_interval_and_do_not_move_the_diameter(arc_deg, tol
     assert (result.ovality is None) == (arc_deg < 175)
 
 
+@pytest.mark.parametrize("seed", [3, 6, 8, 10])
+def test_short_arc_of_a_bend_is_found(seed):
+    # Longer pieces of it lie on cylinders two to five times as wide, to a tenth of their radius.
+    result = measure_cable(bent_cable(arc_deg=60.0, bend_radius=450.0, noise=0.05, seed=seed))
+    assert abs(result.diameter_mm - 30) < 3 * result.std_mm
+    assert result.std_mm < 0.1
+
+
+def test_strays_do_not_lengthen_the_arc():
+    rng = np.random.default_rng(0)
+    xyz = bent_cable(arc_deg=60.0, noise=0.2)
+    outward = np.stack([np.zeros(600), *rng.normal(size=(2, 600))], axis=1)
+    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    stray = rng.uniform(0, 400, 600)[:, None] * [1.0, 0.0, 0.0] + (15 + rng.exponential(5, (600, 1))) * outward
+    assert measure_cable(np.concatenate([xyz, stray])).arc_deg == pytest.approx(60, abs=10)
+
+
 def test_bend_is_followed_and_its_radius_found():
     xyz = bent_cable(bend_radius=450.0, length=600.0, n=9000)
     result = measure_cable(xyz)
