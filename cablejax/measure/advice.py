@@ -15,7 +15,7 @@ SHIFTED = (
     "least what is given, and its own interval does not cover that."
 )
 STRAYED = 4.0  # times the radius that the search found: a wall fits a short noisy arc as well
-LEAST_HEIGHT = 3.5  # standard deviations of the noise that an arc must stand out; below, fits end on anything
+LEAST_HEIGHT = 2.5  # standard deviations of the noise that an arc must stand out; below, fits end on anything
 
 
 def check_cloud(xyz: Float[np.ndarray, "n 3"], given: int) -> None:
