@@ -18,6 +18,7 @@ from cablejax.measure.errors import MeasureError
 TUKEY = 4.685  # standard deviations; 95 % efficient where the noise is Gaussian
 SECTOR_DEG = 15.0
 OUTER = 6
+PER_UNKNOWN = 3  # points for each number that is fitted
 PER_KNOT = 16  # cells in a knot: the splines change by 1e-3 of themselves within one
 
 
@@ -235,7 +236,8 @@ def fit_cable(
         trust: Which points take part `[n]`; all if None.
 
     Raises:
-        MeasureError: If fewer points keep weight than the fit has unknowns, or the radius falls below zero.
+        MeasureError: If there are fewer than `PER_UNKNOWN` points for each unknown, fewer keep weight than there are
+            unknowns, or the radius falls below zero.
     """
     radius = radius_mm
     knot = knot_diameters * 2 * radius_mm
@@ -260,7 +262,18 @@ def fit_cable(
         axis = _moved(axis, _basis(axis.s, axis, knot), bend)
         if max(np.abs(bend).max(), abs(change[-1])) < 1e-5 * radius:
             break
-    return _finished(_design(xyz, axis, knot, block), axis, radius, shifts, trust)
+    return _finished(_check_points(_design(xyz, axis, knot, block), trust), axis, radius, shifts, trust)
+
+
+def _check_points(design: _Design, trust: np.ndarray) -> _Design:
+    """Refuse a curve through a handful of points: with enough freedom it goes through any."""
+    unknowns = 2 * _columns(design.columns) + 1
+    if trust.sum() < PER_UNKNOWN * unknowns:
+        raise MeasureError(
+            f"Too few points on the cable: {trust.sum():.0f} over {np.ptp(design.place.s):.3g} mm, where at least "
+            f"{PER_UNKNOWN * unknowns} are needed to follow its axis."
+        )
+    return design
 
 
 def _finished(design: _Design, axis: Axis, radius: float, shifts: np.ndarray | None, trust: np.ndarray) -> CableFit:

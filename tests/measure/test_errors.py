@@ -8,7 +8,9 @@ import pytest
 from benchmarks.coverage import one_scan
 from cablejax.measure import MeasureError, MeasureSettings, measure_cable
 from cablejax.measure.advice import warnings_about
+from cablejax.measure.axis import sampled
 from cablejax.measure.candidates import Find
+from cablejax.measure.fit import fit_cable
 from tests.reference.circles import bent_cable
 
 RNG = np.random.default_rng(5)
@@ -67,6 +69,15 @@ def test_a_diameter_that_is_open_by_its_budget():
 def test_points_about_a_cable_rather_than_on_it():
     with pytest.raises(MeasureError, match=r"No cable found: .*points|The diameter cannot be told"):
         measure_cable(bent_cable(noise=7.0, arc_deg=360.0))
+
+
+def test_a_curve_through_a_handful_of_points():
+    line = sampled(np.array([[0.0, 0.0, 0.0], [800.0, 0.0, 0.0]]), step=3.0)
+    xyz = bent_cable(n=120, length=800.0, arc_deg=360.0)
+    with pytest.raises(
+        MeasureError, match=r"Too few points on the cable: \d+ over \d+ mm, where at least \d+ are needed"
+    ):
+        fit_cable(xyz, line, 15.0)
 
 
 def test_two_planes():
