@@ -23,7 +23,7 @@ def coverage(results: Results) -> Drawing:
     ax.axvline(NOMINAL, color=COLORS[2], lw=1, ls="--")
     ax.annotate("95 %", (NOMINAL, len(rows) - 0.4), ha="center", va="bottom", annotation_clip=False, fontsize=9)
     ax.set_yticks(at, [f"{name_of(row)} ({row['scans'] - row['refused']})" for row in rows])
-    ax.set_xlim(0.5, 1.01)
+    ax.set_xlim(min(0.85, 0.98 * low.min()), 1.01)
     ax.set_xlabel("share of intervals that hold the truth")
     ax.grid(visible=False, axis="y")
     return Drawing(
