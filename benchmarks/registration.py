@@ -27,7 +27,7 @@ from cablejax.registration import register
 
 RESULT = Path("results/benchmarks/registration.json")
 METHODS = ("plane", "gicp")
-REST_S = 0.05  # before each run: threads of the library before wait for more work by spinning
+REST_S = 0.05  # before each run, in which the threads of the library before come to rest
 
 
 class Task(NamedTuple):

@@ -262,10 +262,12 @@ def fit_cable(
         axis = _moved(axis, _basis(axis.s, axis, knot), bend)
         if max(np.abs(bend).max(), abs(change[-1])) < 1e-5 * radius:
             break
-    return _finished(_check_points(_design(xyz, axis, knot, block), trust), axis, radius, shifts, trust)
+    design = _design(xyz, axis, knot, block)
+    _check_points(design, trust)
+    return _finished(design, axis, radius, shifts, trust)
 
 
-def _check_points(design: _Design, trust: np.ndarray) -> _Design:
+def _check_points(design: _Design, trust: np.ndarray) -> None:
     """Refuse a curve through a handful of points: with enough freedom it goes through any."""
     unknowns = 2 * _columns(design.columns) + 1
     if trust.sum() < PER_UNKNOWN * unknowns:
@@ -273,7 +275,6 @@ def _check_points(design: _Design, trust: np.ndarray) -> _Design:
             f"Too few points on the cable: {trust.sum():.0f} over {np.ptp(design.place.s):.3g} mm, where at least "
             f"{PER_UNKNOWN * unknowns} are needed to follow its axis."
         )
-    return design
 
 
 def _finished(design: _Design, axis: Axis, radius: float, shifts: np.ndarray | None, trust: np.ndarray) -> CableFit:

@@ -60,7 +60,7 @@ def spread_within(
     """Covariance of the points within `radius` of each point, as in `spread_of`; of the `k` nearest where that holds fewer
     than `least`.
 
-    All pairs at once come out of the tree several times as fast as neighbours point by point.
+    All pairs at once come out of the tree up to three times as fast as neighbours point by point, most so on dense surfaces.
     """
     n, pairs = len(xyz), tree.query_pairs(radius, output_type="ndarray")
     x, y, z = (xyz - xyz.mean(axis=0)).T

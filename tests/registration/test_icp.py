@@ -175,9 +175,8 @@ def test_coarser_levels_are_the_means_too():
 
 def test_spread_is_the_covariance_of_the_surroundings():
     rng = np.random.default_rng(0)
-    xyz = (
-        np.concatenate([rng.uniform(size=(400, 3)), [[3.0, 0.0, 0.0], [3.1, 0.1, 0.0]]]) + 1e6
-    )  # two lonely points, far out
+    lonely = [[3.0, 0.0, 0.0], [3.1, 0.1, 0.0]]
+    xyz = np.concatenate([rng.uniform(size=(400, 3)), lonely]) + 1e6  # far from the origin
     found = spread_within(xyz, plain_tree(xyz), radius=0.2, least=4, k=6)
     entries = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
     for row in (0, 7, 400):
