@@ -150,6 +150,23 @@ class DatasetConfig:
 
 
 @dataclass
+class PartsConfig:
+    """Clouds whose points are labelled by part, for experiments.parts."""
+
+    n_points: int = 1024
+    ball_mm: float = 120.0
+    train: int = 2048
+    validation: int = 128
+    test: int = 384
+
+    def __post_init__(self) -> None:
+        _check(64 <= self.n_points <= 4096, "parts.n_points", "between 64 and 4096", self.n_points)
+        _check(self.ball_mm > 0, "parts.ball_mm", "a positive radius in mm", self.ball_mm)
+        for name in ("train", "validation", "test"):
+            _check(getattr(self, name) >= 1, f"parts.{name}", "at least 1 cloud", getattr(self, name))
+
+
+@dataclass
 class ModelConfig:
     """Which network, and what it is built with; `options` go to `cablejax.nets.build_model`."""
 
@@ -227,6 +244,7 @@ class Config:
     model: ModelConfig = MISSING
     optimizer: OptimizerConfig = MISSING
     training: TrainingConfig = field(default_factory=TrainingConfig)
+    parts: PartsConfig = field(default_factory=PartsConfig)
 
     def __post_init__(self) -> None:
         _check(self.size in SIZES, "size", f"one of {', '.join(SIZES)}", self.size)
@@ -246,6 +264,7 @@ GROUPS: dict[str, type] = {
     "model": ModelConfig,
     "optimizer": OptimizerConfig,
     "training": TrainingConfig,
+    "parts": PartsConfig,
 }
 
 
@@ -295,5 +314,5 @@ def register() -> None:
     for name, node in FILTERS.items():
         store.store(group="filter", name=f"schema_{name}", node=node)
     for group, node in GROUPS.items():
-        if group != "training":  # set by sizes and experiments, not a group of its own
+        if group not in ("training", "parts"):  # set by sizes and experiments, no groups of their own
             store.store(group=group, name=f"schema_{group}", node=node)

@@ -1,4 +1,4 @@
-"""Networks in Flax NNX that tell a cable's size from its cloud: ADGCNN and what it is compared with."""
+"""Networks in Flax NNX: ADGCNN and what it is compared with tell a cable's size, another labels a scan's points by part."""
 
 from cablejax.nets.adgcnn import ADGCNN
 from cablejax.nets.aedgeconv import AEdgeConv, ChannelAttention
@@ -7,8 +7,10 @@ from cablejax.nets.depth import depth_image
 from cablejax.nets.diameter import SizeEstimate
 from cablejax.nets.enhancement import FeatureEnhancement
 from cablejax.nets.fusion import FeatureFusion
+from cablejax.nets.labelling import PartLabels, label_parts
 from cablejax.nets.models import MODELS, build_model, count_parameters
 from cablejax.nets.norm import BatchNorm
+from cablejax.nets.parts import PartNetwork
 from cablejax.nets.pose import pose_clouds
 
 __all__ = [
@@ -22,6 +24,8 @@ __all__ = [
     "ChannelAttention",
     "FeatureEnhancement",
     "FeatureFusion",
+    "PartLabels",
+    "PartNetwork",
     "PointNet",
     "PointNet2",
     "ResNet50",
@@ -29,5 +33,6 @@ __all__ = [
     "build_model",
     "count_parameters",
     "depth_image",
+    "label_parts",
     "pose_clouds",
 ]

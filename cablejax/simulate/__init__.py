@@ -6,6 +6,7 @@ from cablejax.simulate.clutter import Scene, bare, neighbours, support, tray, tr
 from cablejax.simulate.dataset import DatasetConfig, Split, make_split, sample_clouds
 from cablejax.simulate.finish import FINISHES, Finish, finish, sheath_finish
 from cablejax.simulate.noise import add_noise, noise_mm
+from cablejax.simulate.parts import PARTS, PartsConfig, PartSplit, make_part_split
 from cablejax.simulate.presets import PRESETS, Scanner, scanner
 from cablejax.simulate.profiles import Profile, ProfiledTube, make_profiled
 from cablejax.simulate.scanner import Scan, scan_scene, simulate_scan, station_points
@@ -17,6 +18,7 @@ from cablejax.simulate.user_catalogue import read_catalogue
 
 __all__ = [
     "FINISHES",
+    "PARTS",
     "PRESETS",
     "SCENES",
     "SHAPES",
@@ -24,6 +26,8 @@ __all__ = [
     "DatasetConfig",
     "Finish",
     "Part",
+    "PartSplit",
+    "PartsConfig",
     "Profile",
     "ProfiledTube",
     "Revolved",
@@ -40,6 +44,7 @@ __all__ = [
     "load_arrays",
     "load_split",
     "locate",
+    "make_part_split",
     "make_profiled",
     "make_scene",
     "make_split",

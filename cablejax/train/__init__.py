@@ -11,6 +11,7 @@ from cablejax.train.metrics import (
     class_average_accuracy,
     confusion_matrix,
     evaluate,
+    intersection_over_union,
     overall_accuracy,
 )
 from cablejax.train.optimizers import OPTIMIZERS, make_optimizer
@@ -34,6 +35,7 @@ __all__ = [
     "fit",
     "fit_together",
     "initialise_from",
+    "intersection_over_union",
     "make_optimizer",
     "overall_accuracy",
 ]

@@ -52,7 +52,7 @@ def _convolves(model: nnx.Module) -> bool:
 
 
 def epoch_rows(
-    config: TrainConfig, epoch: int, label: Int[np.ndarray, " clouds"], plan: Plan
+    config: TrainConfig, epoch: int, label: Int[np.ndarray, "clouds ..."], plan: Plan
 ) -> Int[Array, "calls s b"]:
     """The clouds of every batch of an epoch, drawn without replacement; the same for the same seed and epoch.
 
@@ -62,9 +62,16 @@ def epoch_rows(
     Args:
         config: Its `seed` and `balanced` count.
         epoch: Counted from 0.
-        label: Classes of the clouds `[clouds]`.
+        label: Classes of the clouds `[clouds]`, or of their points `[clouds, n]`.
         plan: From `make_plan`.
+
+    Raises:
+        ValueError: If balanced batches are asked for where the points are labelled.
     """
+    if config.balanced and np.ndim(label) > 1:
+        raise ValueError(
+            "balanced: expected False where the points are labelled, for a cloud then has no class, got True"
+        )
     key = jax.random.fold_in(jax.random.key(config.seed), epoch)
     order = _dealt(label, key) if config.balanced else jax.random.permutation(key, len(label))
     return order[: plan.batches * plan.batch_size].reshape(-1, plan.per_call, plan.batch_size)

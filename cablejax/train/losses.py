@@ -2,7 +2,7 @@
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int, Shaped
 
 
 def cross_entropy(
@@ -22,6 +22,16 @@ def cross_entropy(
     log_p = jax.nn.log_softmax(logits, axis=-1)
     own = jnp.take_along_axis(log_p, labels[..., None], axis=-1)[..., 0]
     return -(1.0 - label_smoothing) * own - label_smoothing * jnp.mean(log_p, axis=-1)
+
+
+def cloud_mean(values: Shaped[Array, "b n"], mask: Bool[Array, "b n"]) -> Float[Array, " b"]:
+    """Mean over each cloud's valid points `[b]`; 0 where there is none.
+
+    Example:
+        >>> cloud_mean(jnp.array([[1.0, 3.0, 99.0]]), jnp.array([[True, True, False]])).tolist()
+        [2.0]
+    """
+    return jnp.sum(values, axis=1, where=mask) / jnp.maximum(jnp.sum(mask, axis=1), 1)
 
 
 def gaussian_nll(mean: Float[Array, "*b"], std: Float[Array, "*b"], target: Float[Array, "*b"]) -> Float[Array, "*b"]:

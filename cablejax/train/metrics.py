@@ -19,7 +19,7 @@ class Clouds(Protocol):
     Attributes:
         xyz: `[N, n, 3]`, mm, centred.
         mask: True where a row is a point `[N, n]`.
-        label: Class numbers `[N]`.
+        label: Class numbers `[N]`, or of labelled points `[N, n]`.
     """
 
     @property
@@ -90,6 +90,18 @@ def class_average_accuracy(confusion: np.ndarray) -> float:
     return float(np.mean(np.diag(confusion)[present] / samples[present])) if present.any() else float("nan")
 
 
+def intersection_over_union(confusion: np.ndarray) -> np.ndarray:
+    """Of each class `[C]`: what is rightly given to it over what is it or is given to it; NaN where there is neither.
+
+    Example:
+        >>> intersection_over_union(np.array([[8, 0], [1, 1]])).round(3).tolist()
+        [0.889, 0.5]
+    """
+    both = np.diag(confusion).astype(float)
+    either = confusion.sum(axis=0) + confusion.sum(axis=1) - both
+    return np.divide(both, either, out=np.full(len(both), np.nan), where=either > 0)
+
+
 def evaluate(model: nnx.Module, split: Clouds, *, batch_size: int = 32) -> Metrics:
     """Classify a split in evaluation mode (running statistics, no dropout); the model itself is not changed.
 
@@ -137,7 +149,10 @@ def arrays_of(split: Clouds, *, diameters: bool) -> list[np.ndarray]:
 
 
 def predict(graphdef: Any, state: Any, split: Clouds, *, batch_size: int) -> tuple[np.ndarray, ...]:
-    """Logits `[N, C]` of a split, from a model split by `nnx.split`; with a regression head also `SizeEstimate`'s rest."""
+    """Logits of a split, `[N, C]` or by point `[N, n, C]`; with a regression head also `SizeEstimate`'s rest.
+
+    The model is one split by `nnx.split`.
+    """
     total = len(split.xyz)
     if total == 0:
         raise ValueError("split: expected at least one cloud, got none")
@@ -151,8 +166,10 @@ def predict(graphdef: Any, state: Any, split: Clouds, *, batch_size: int) -> tup
 
 
 def score_all(outputs: tuple[np.ndarray, ...], split: Clouds) -> Metrics:
-    """Metrics of `predict`'s outputs against a split."""
-    metrics = score(outputs[0], np.asarray(split.label))
+    """Metrics of `predict`'s outputs against a split; of labelled points over all the valid ones."""
+    label = np.asarray(split.label)
+    valid = ... if label.ndim == 1 else np.asarray(split.mask)
+    metrics = score(outputs[0][valid], label[valid])
     return (
         metrics
         if len(outputs) == 1

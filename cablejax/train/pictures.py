@@ -37,8 +37,9 @@ def log_attention(log: RunLogger, graphdef: Any, state: Any, split: Clouds, epoc
 
 
 def log_clouds(log: RunLogger, name: str, split: Clouds, step: int) -> None:
-    """The first clouds of a split as one mesh of a batch, coloured by class; padding lies on the cloud's centre."""
+    """The first clouds of a split as one mesh of a batch, coloured by class, or point by point; padding lies in the centre."""
     mask = np.asarray(split.mask[:SHOWN])
     xyz = np.where(mask[..., None], np.asarray(split.xyz[:SHOWN]), 0.0)
     colors = np.asarray(COLOR)[np.asarray(split.label[:SHOWN]) % len(COLOR)]
-    log.mesh(name, xyz, step, color=np.broadcast_to(colors[:, None, :], xyz.shape))
+    colors = colors if colors.ndim == 3 else colors[:, None, :]
+    log.mesh(name, xyz, step, color=np.broadcast_to(colors, xyz.shape))

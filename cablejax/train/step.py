@@ -7,10 +7,10 @@ import jax
 import jax.numpy as jnp
 import optax
 from flax import nnx
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float, Int, Num
 
 from cablejax.train.config import MATMUL_PRECISION, TrainConfig
-from cablejax.train.losses import cross_entropy, gaussian_nll
+from cablejax.train.losses import cloud_mean, cross_entropy, gaussian_nll
 from cablejax.train.transfer import frozen_updates
 
 
@@ -37,12 +37,12 @@ class StepReport(NamedTuple):
 
     Attributes:
         loss: Mean loss of the batch before the update `[s]`.
-        correct: Clouds of the batch classified rightly `[s]`.
+        correct: Clouds of the batch classified rightly `[s]`; of labelled points the sum of the clouds' shares.
         grad_norm: Global norm of the gradient that the update took `[s]`; of the batch's own where the set's is summed.
     """
 
     loss: Float[Array, " s"]
-    correct: Int[Array, " s"]
+    correct: Num[Array, " s"]
     grad_norm: Float[Array, " s"]
 
 
@@ -95,9 +95,12 @@ def make_runner(
         else:
             logits, mean, std = model.with_diameter(xyz, mask)
             off = jnp.mean(gaussian_nll(mean, std, diameter_mm))
-        loss = jnp.mean(cross_entropy(logits, label, label_smoothing=config.label_smoothing)) + off
-        correct = jnp.sum(jnp.argmax(logits, axis=-1) == label, dtype=jnp.int32)
-        return loss, (nnx.split(model, nnx.Param, ...)[2], correct)
+        each = cross_entropy(logits, label, label_smoothing=config.label_smoothing)
+        right = jnp.argmax(logits, axis=-1) == label
+        if label.ndim == 2:  # the points are labelled: every cloud counts by the mean over its own
+            each, right = cloud_mean(each, mask), cloud_mean(right, mask)
+        correct = jnp.sum(right, dtype=jnp.int32 if label.ndim == 1 else jnp.float32)
+        return jnp.mean(each) + off, (nnx.split(model, nnx.Param, ...)[2], correct)
 
     def gradient(params: Any, rest: Any, data: Data, row: Array) -> tuple[Any, Any, StepReport]:
         batch = [jnp.take(each, row, axis=0) for each in data]

@@ -1,0 +1,69 @@
+"""Train the network that labels the points of a scan by part, for `cablejax measure --checkpoint`.
+
+python -m experiments.parts
+"""
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from flax import nnx
+
+from cablejax.io import RunLogger
+from cablejax.nets import PartNetwork
+from cablejax.simulate import PARTS, PartsConfig, PartSplit, make_part_split
+from cablejax.train import Metrics, evaluate, fit, intersection_over_union
+from experiments import app
+from experiments.schema import Config
+from experiments.train import training_config
+
+
+def clouds(cfg: Config, split: str) -> PartSplit:
+    """Labelled clouds of a split."""
+    config = PartsConfig(n_points=cfg.parts.n_points, ball_mm=cfg.parts.ball_mm, seed=cfg.dataset.seed)
+    return make_part_split(config, split, getattr(cfg.parts, split), progress=True)
+
+
+def scores(found: Metrics) -> dict[str, Any]:
+    """Shares of the points that are labelled rightly, and intersection over union, of every part and of all."""
+    each = intersection_over_union(found.confusion)
+    count = found.confusion.sum(axis=1)
+    recall = np.divide(np.diag(found.confusion), count, out=np.full(len(count), np.nan), where=count > 0)
+    return {
+        "overall": found.overall,
+        "class_average": found.class_average,
+        "mean_iou": float(np.nanmean(each)),
+        "iou": dict(zip(PARTS, each.tolist(), strict=True)),
+        "recall": dict(zip(PARTS, recall.tolist(), strict=True)),
+        "confusion": found.confusion.tolist(),
+    }
+
+
+def run(cfg: Config, folder: Path) -> dict[str, Any]:
+    """Train, choose the epoch on validation, and touch the test split once."""
+    model = PartNetwork(len(PARTS), rngs=nnx.Rngs(cfg.seed), **cfg.model.options)
+    with RunLogger(folder / "tensorboard") as log:
+        train, validation = clouds(cfg, "train"), clouds(cfg, "validation")
+        result = fit(model, train, validation, training_config(cfg), folder=folder, logger=log)
+    best = result.history[result.best_epoch - 1]
+    return {
+        "parts": list(PARTS),
+        "history": [asdict(epoch) for epoch in result.history],
+        "best_epoch": result.best_epoch,
+        "validation_overall": best.validation_overall,
+        "compile_seconds": result.compile_seconds,
+        "train_seconds": result.seconds,
+        **{f"test_{name}": value for name, value in scores(evaluate(result.model, clouds(cfg, "test"))).items()},
+    }
+
+
+def headline(metrics: dict[str, Any]) -> str:
+    return (
+        f"points labelled rightly: validation {metrics['validation_overall']:.3f} (epoch {metrics['best_epoch']}), "
+        f"test {metrics['test_overall']:.3f}, mean IoU {metrics['test_mean_iou']:.3f}"
+    )
+
+
+if __name__ == "__main__":
+    app.main(run, experiment="parts", headline=headline)
