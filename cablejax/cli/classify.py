@@ -1,9 +1,9 @@
 """`cablejax classify`: the nominal size that a trained network sees in a scan."""
 
 import argparse
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cablejax.cli.checkpoint import read_run, restored
 from cablejax.cli.main import NoResultError
 from cablejax.cli.scans import load, rows, say
 
@@ -14,39 +14,17 @@ PIECES = 16  # samples of the cable whose logits are averaged
 PIECE_MM = 100.0  # length of cable that a training cloud shows
 
 
-def _restored(folder: Path, record: dict[str, Any]):
-    """The network of a run of `experiments.train`, with the weights that were best on validation.
-
-    Raises:
-        NoResultError: If the folder holds no whole checkpoint of that network.
-    """
-    import jax
-    import jax.numpy as jnp
+def _network(folder: str, record: dict[str, Any]):
+    """The network of a run of `experiments.train`."""
     from flax import nnx
 
-    from cablejax.io import restore_checkpoint
     from cablejax.nets import build_model
-    from cablejax.train import TrainConfig
-    from cablejax.train.batches import make_plan
-    from cablejax.train.engine import Engine
 
-    config, optimizer = record["config"], record["config"]["optimizer"]
-    settings = TrainConfig(
-        optimizer=optimizer["name"], learning_rate=optimizer["learning_rate"],
-        optimizer_options=dict(optimizer["options"]), epochs=config["training"]["epochs"],
-        batch_size=config["training"]["batch_size"], ema_decay=config["training"].get("ema_decay"), keep_best=True,
-    )  # fmt: skip
+    config = record["config"]
     classes = len(config["dataset"]["sizes_mm2"])
-    model = build_model(config["model"]["name"], classes, rngs=nnx.Rngs(0), **config["model"]["options"])
-    engine = Engine(model, settings, make_plan(classes * config["dataset"]["train_per_class"], settings))
-    state = engine.initial_state()
-    try:
-        found = restore_checkpoint(folder / "checkpoints", (state, jax.tree.map(jnp.copy, engine.weights(state))))
-    except ValueError as error:
-        raise NoResultError(f"{folder}: {error}") from None
-    if found is None:
-        raise NoResultError(f"{folder}: no whole checkpoint in {folder / 'checkpoints'}")
-    return engine.model(found.tree[1])
+    return restored(
+        folder, build_model(config["model"]["name"], classes, rngs=nnx.Rngs(0), **config["model"]["options"])
+    )
 
 
 def _pieces(xyz: "np.ndarray", along: "np.ndarray", dataset: dict[str, Any], seed: int):
@@ -72,22 +50,15 @@ def _pieces(xyz: "np.ndarray", along: "np.ndarray", dataset: dict[str, Any], see
 
 def run(options: argparse.Namespace) -> dict[str, Any]:
     """Find the cable, sample it, average the network's probabilities over the samples."""
-    from cablejax.io import read_json
-
-    folder = Path(options.checkpoint)
-    record_file = folder / "run.json"
-    if not record_file.is_file():
-        raise NoResultError(f"--checkpoint {folder}: no run.json; give the folder of a run of experiments.train")
-    record = read_json(record_file)
-    if "labels_mm2" not in record.get("metrics", {}):
-        raise NoResultError(f"--checkpoint {folder}: this run trained no classifier")
+    folder = options.checkpoint
+    record = read_run(folder, trained="classifier", by="experiments.train", holds="labels_mm2")
     scan = load(options, options.scan)
     import jax
     import numpy as np
 
     from cablejax.measure import MeasureError, measure_cable
 
-    model = _restored(folder, record)
+    model = _network(folder, record)
     say(options, f"looking for the cable in {len(scan.xyz_mm):,} points")
     try:
         measured = measure_cable(scan.xyz_mm)
@@ -101,7 +72,7 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
     labels = record["metrics"]["labels_mm2"]
     return {
         "file": str(scan.path),
-        "checkpoint": str(folder),
+        "checkpoint": folder,
         "model": record["config"]["model"]["name"],
         "test_accuracy": record["metrics"]["test_overall"],
         "size_mm2": labels[order[0]],

@@ -87,6 +87,17 @@ def _measure_options(parser: argparse.ArgumentParser) -> None:
         metavar=("LOW", "HIGH"),
         help="limits of the diameter in mm: pass, fail or undecided",
     )
+    parser.add_argument(
+        "--checkpoint",
+        metavar="FOLDER",
+        help="of a run of experiments.parts: its network labels the points, and the cable's alone are measured",
+    )
+    parser.add_argument(
+        "--scanner",
+        metavar="NAME|NUMBERS",
+        help="a preset of the simulator (line-laser), or what is known at the cable's distance: "
+        "range_std_mm=1.2,footprint_mm=1 (optional: incidence_power, lateral_std_mm)",
+    )
     parser.add_argument("--section", type=float, metavar="MM", help="distance between sections (default: D/4)")
     parser.add_argument("--registration-std", type=float, default=0.0, metavar="MM", help="of the stations' alignment")
     parser.add_argument(

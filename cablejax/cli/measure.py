@@ -1,29 +1,14 @@
 """`cablejax measure`: the cable in a scan, with its diameter and what is known about it."""
 
 import argparse
-import sys
+from collections import Counter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from cablejax.cli import batch
+from cablejax.cli import batch, known
+from cablejax.cli.checkpoint import parts_of
 from cablejax.cli.main import NoResultError
 from cablejax.cli.scans import check_output, load, rows, say
-
-if TYPE_CHECKING:
-    from cablejax.io import PointFile
-    from cablejax.measure import CableMeasurement
-
-
-def _sizes(voltage: str | None) -> dict[str, float] | None:
-    """Overall diameter in mm by name, of the catalogue for a rated voltage."""
-    if voltage is None:
-        return None
-    from cablejax.simulate import catalogue
-
-    try:
-        return {cable.name: float(cable.diameter_mm) for cable in catalogue(voltage)}
-    except ValueError as error:
-        raise NoResultError(f"--catalogue {voltage}: {error}") from None
 
 
 def run(options: argparse.Namespace) -> dict[str, Any]:
@@ -44,24 +29,29 @@ def _one(options: argparse.Namespace) -> dict[str, Any]:
     if options.report is not None:
         Path(options.report).parent.mkdir(parents=True, exist_ok=True)
         check_output(options.report, (".html", ".htm"))
-    sizes = _sizes(options.catalogue)
+    sizes, settings = known.sizes(options.catalogue), known.settings(options)
     scan = load(options, options.scan)
-    from cablejax.measure import MeasureError, MeasureSettings, conformity, measure_cable
+    part = parts_of(options, scan)
+    from cablejax.measure import MeasureError, conformity, measure_cable
+    from cablejax.report import measurement_page
 
-    settings = MeasureSettings(
-        section_mm=options.section,
-        registration_std_mm=options.registration_std,
-        scale_std=options.scale_std,
-        maker_std_mm=options.maker_std,
-        seed=options.seed,
-    )
     say(options, f"measuring {len(scan.xyz_mm):,} points")
     try:
-        result = measure_cable(scan.xyz_mm, catalogue=sizes, settings=settings)
+        on_cable = None if part is None else part == "cable"
+        result = measure_cable(scan.xyz_mm, on_cable=on_cable, catalogue=sizes, settings=settings)
     except MeasureError as error:
         raise NoResultError(f"{options.scan}: {error}") from None
+    parts = None if part is None else dict(sorted(Counter(part.tolist()).items(), key=lambda pair: -pair[1]))
     if options.report is not None:
-        _write_report(options, scan, result)
+        html = measurement_page(
+            result,  # pyright: ignore[reportArgumentType] frozen, and the protocol's attributes could be set
+            title=Path(options.scan).name,
+            source=str(options.scan),
+            xyz_mm=scan.xyz_mm,
+            parts=parts,
+        )
+        Path(options.report).write_text(html, encoding="utf-8")
+        say(options, f"report: {options.report}")
     judged = None
     if options.tolerance is not None:
         low, high = options.tolerance
@@ -71,21 +61,10 @@ def _one(options: argparse.Namespace) -> dict[str, Any]:
         "file_unit": scan.unit,
         "dropped": scan.dropped,
         **result.to_dict(),
+        "parts": parts,
         "tolerance_mm": options.tolerance,
         "conformity": judged,
     }
-
-
-def _write_report(options: argparse.Namespace, scan: "PointFile", result: "CableMeasurement") -> None:
-    from cablejax import report
-
-    page = getattr(report, "measurement_page", None)
-    if page is None:
-        sys.stderr.write("cablejax: warning: --report: this version cannot write the report of a measurement\n")
-        return
-    html = page(result, title=Path(options.scan).name, source=str(options.scan), xyz_mm=scan.xyz_mm)
-    Path(options.report).write_text(html, encoding="utf-8")
-    say(options, f"report: {options.report}")
 
 
 def _interval(interval: list[float] | None, digits: str = ".3f") -> str:
@@ -116,6 +95,9 @@ def table(result: dict[str, Any]) -> str:
         ("seen", f"{r['arc_deg']:.0f} degrees of the circumference, {r['points']:,} points"),
         ("noise", f"{r['noise_mm']:.3f} mm (standard deviation about the surface)"),
     ]
+    if r["parts"] is not None:
+        total = sum(r["parts"].values())
+        pairs.append(("labelled", ", ".join(f"{name} {100 * n / total:.1f} %" for name, n in r["parts"].items())))
     if r["verdict"] is not None:
         pairs.append(("nominal size", r["verdict"]))
     if r["conformity"] is not None:

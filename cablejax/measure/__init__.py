@@ -4,6 +4,7 @@
 on the host in float64 NumPy and SciPy.
 """
 
+from cablejax.measure.beams import Instrument
 from cablejax.measure.cable import MeasureSettings, measure_cable
 from cablejax.measure.conformity import bend_conformity, conformity
 from cablejax.measure.errors import MeasureError
@@ -17,6 +18,7 @@ __all__ = [
     "BudgetLine",
     "CableMeasurement",
     "FreeSection",
+    "Instrument",
     "Irregularity",
     "MeasureError",
     "MeasureSettings",

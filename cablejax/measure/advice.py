@@ -1,7 +1,7 @@
 """What is said to the person with the scanner: why there is no result, and what to know before using one."""
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from cablejax.measure.candidates import Find, share
 from cablejax.measure.errors import MeasureError
@@ -15,6 +15,7 @@ SHIFTED = (
     "least what is given, and its own interval does not cover that."
 )
 STRAYED = 4.0  # times the radius that the search found: a wall fits a short noisy arc as well
+UNLIKE = 2.0  # ratio of the scatter found to the one that a known scanner leaves
 LEAST_HEIGHT = 2.5  # standard deviations of the noise that an arc must stand out; below, fits end on anything
 
 
@@ -33,6 +34,31 @@ def check_cloud(xyz: Float[np.ndarray, "n 3"], given: int) -> None:
     spread = np.linalg.svd(xyz - xyz.mean(axis=0), compute_uv=False)
     if spread[1] < 1e-9 * spread[0]:
         raise MeasureError("All points lie on one line: there is no surface to measure.")
+
+
+def check_labels(valid: Bool[np.ndarray, " n"], on_cable: Bool[np.ndarray, " n"]) -> None:
+    """Refuse labels that leave too few points.
+
+    Raises:
+        MeasureError: With their number.
+    """
+    left, points = int((valid & on_cable).sum()), int(valid.sum())
+    if left < MIN_POINTS <= points:
+        raise MeasureError(
+            f"No cable found: of {points:,} points {left} are labelled as the cable's, where at least {MIN_POINTS} are needed."
+        )
+
+
+def about_instrument(excess: float) -> list[str]:
+    """A sentence where the points scatter much more or less than the scanner's numbers tell; `excess` is the ratio."""
+    if not (excess < 1 / UNLIKE or UNLIKE < excess < float("inf")):
+        return []
+    why = (
+        "was it filtered before, or is it another scanner's?"
+        if excess < 1
+        else "is the scanner right, and its distance?"
+    )
+    return [f"The points scatter {excess:.2g} times as much about the surface as the scanner's numbers tell: {why}"]
 
 
 def nothing_found(find: Find) -> MeasureError:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from cablejax.measure.alignment import Profile
-from cablejax.measure.beams import BEAM_DOUBT
+from cablejax.measure.beams import BeamBias
 from cablejax.measure.fit import CableFit
 from cablejax.measure.result import BudgetLine
 
@@ -13,7 +13,7 @@ ROUNDING = 1e-5
 
 
 def uncertainty_budget(
-    fit: CableFit, profile: Profile | None, *, bias_mm: float, scale_std: float, filter_std_mm: float
+    fit: CableFit, profile: Profile | None, *, bias: BeamBias, scale_std: float, filter_std_mm: float
 ) -> list[BudgetLine]:
     """Sources of uncertainty of the diameter, each with its standard deviation in mm.
 
@@ -21,7 +21,7 @@ def uncertainty_budget(
         fit: The fit of axis and radius.
         profile: Errors shared by whole directions, as of stations that do not fit together; None where every station's
             shift is part of the fit.
-        bias_mm: What noise along the beams has added to the diameter, and was taken off.
+        bias: What the beams have done to the diameter, and was taken off.
         scale_std: Relative standard deviation of the scanner's scale.
         filter_std_mm: Standard deviation of the diameter that a filter applied before has left.
     """
@@ -54,9 +54,9 @@ def uncertainty_budget(
         ),
         BudgetLine(
             "noise along the beams",
-            BEAM_DOUBT * abs(bias_mm),
+            bias.noise_doubt_mm,
             "B",
-            f"{100 * BEAM_DOUBT:.0f} % of the {bias_mm:.2g} mm that were taken off for it",
+            f"of the {bias.noise_mm:.2g} mm that were taken off for it",
         ),
     ]
     coarse = STEEP * fit.noise_mm**3 / fit.radius_mm**2
@@ -66,6 +66,7 @@ def uncertainty_budget(
         BudgetLine("rounding and the axis's spline", rounding, "B", f"{ROUNDING:g} of the diameter"),
     ]
     given = [
+        (bias.width_doubt_mm, "width of the beams", f"of the {-bias.width_mm:.2g} mm that were added for it"),
         (scale_std * 2 * fit.radius_mm, "scale", "scale of the scanner as given"),
         (filter_std_mm, "filter", "left by the filter as given"),
     ]

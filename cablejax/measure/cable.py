@@ -5,12 +5,14 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int, Num
+from jaxtyping import Bool, Float, Int, Num
 
 from cablejax.measure.advice import (
     SHIFTED,
+    about_instrument,
     arc_too_small,
     check_cloud,
+    check_labels,
     nothing_found,
     strayed,
     too_flat,
@@ -20,7 +22,7 @@ from cablejax.measure.advice import (
 )
 from cablejax.measure.alignment import Profile, blocks, shared_errors
 from cablejax.measure.axis import Axis, locate, smoothed, trimmed
-from cablejax.measure.beams import beam_bias_mm
+from cablejax.measure.beams import Instrument, beam_bias
 from cablejax.measure.bend import tightest_bend
 from cablejax.measure.budget import COVERAGE, combined, uncertainty_budget
 from cablejax.measure.candidates import Find, find_cables
@@ -31,7 +33,7 @@ from cablejax.measure.nominal import nominal_probabilities, verdict
 from cablejax.measure.planes import Plane
 from cablejax.measure.result import CableMeasurement
 from cablejax.measure.sections import Oval, Sections, arc_seen, cut, oval
-from cablejax.measure.sweeps import at_the_edge, sweeps_of
+from cablejax.measure.sweeps import GRAZING, at_the_edge, sweeps_of
 from cablejax.measure.walk import Walk
 from cablejax.types import PointCloud
 
@@ -55,6 +57,7 @@ class MeasureSettings:
         scale_std: Relative standard deviation of the scanner's scale, for the budget.
         filter_std_mm: Standard deviation that a filter applied before has left in the diameter, for the budget.
         maker_std_mm: Standard deviation of the makers' diameters about the catalogue's, for the nominal size.
+        instrument: The scanner's noise and beam, by which their effects on the diameter are taken off more exactly.
         seed: Of the random samples with which the cable is sought.
     """
 
@@ -65,6 +68,7 @@ class MeasureSettings:
     scale_std: float = 0.0
     filter_std_mm: float = 0.0
     maker_std_mm: float = 0.0
+    instrument: Instrument | None = None
     seed: int = 0
 
 
@@ -130,7 +134,9 @@ class _Fitted(NamedTuple):
     sweep: np.ndarray | None
 
 
-def _fit(xyz: np.ndarray, station: np.ndarray | None, way: Walk, planes: list[Plane]) -> _Fitted:
+def _fit(
+    xyz: np.ndarray, station: np.ndarray | None, way: Walk, planes: list[Plane], instrument: Instrument | None
+) -> _Fitted:
     """Fit axis and radius to the full cloud about a walk, with a shift for every sweep that is known."""
     axis, radius, width, noise = _coarse(xyz, way, planes)
     rows, along = _tube(axis, radius, xyz, planes, width)
@@ -139,7 +145,8 @@ def _fit(xyz: np.ndarray, station: np.ndarray | None, way: Walk, planes: list[Pl
         named = np.unique(station[rows], return_inverse=True)[1].reshape(-1)
         both = named if sweep is None else named * (sweep.max() + 1) + sweep
         sweep = np.unique(both, return_inverse=True)[1].reshape(-1)
-    trust = ~at_the_edge(locate(axis, xyz[rows]), sweep, noise_mm=noise, radius_mm=radius)
+    grazing = GRAZING if instrument is None else max(GRAZING, instrument.grazing(radius))
+    trust = ~at_the_edge(locate(axis, xyz[rows]), sweep, noise_mm=noise, radius_mm=radius, grazing=grazing)
     if sweep is None or sweep.max() == 0:
         return _Fitted(fit_cable(xyz[rows], axis, radius, trust=trust), rows, sweep)
     pieces = max(1, min(8, len(rows) // (500 * int(sweep.max() + 1))))
@@ -158,7 +165,7 @@ def _best(
     failure: MeasureError | None = None
     for way in find.walks:
         try:
-            fitted = _fit(xyz, station, way, find.planes)
+            fitted = _fit(xyz, station, way, find.planes, settings.instrument)
         except MeasureError as error:  # nothing round there; where most is flat, that is the reason to give
             failure = failure or (nothing_found(find) if find.flat_share > 0.5 else error)
             continue
@@ -187,7 +194,7 @@ def _sections(fit: CableFit, settings: MeasureSettings) -> Sections:
 def _headline(fit: CableFit, shape: Oval | None, profile: Profile | None, bias_mm: float) -> float:
     """The diameter reported: of the circle, or of an oval much larger than the errors that directions share.
 
-    The widening by noise is taken off, and from a circle what the directions' errors have most likely done to it.
+    What the beams have done to it is taken off, and from a circle what the directions' errors have most likely done to it.
     """
     shared, change = (0.0, 0.0) if profile is None else (profile.shared_mm, profile.change_mm)
     unsure = 0.0 if shape is None else max(shape.amplitude_std_mm, 4 * shared)
@@ -224,6 +231,7 @@ def measure_cable(
     cloud_or_xyz_mm: PointCloud | Num[np.ndarray, "n 3"],
     *,
     station: Int[np.ndarray, " n"] | None = None,
+    on_cable: Bool[np.ndarray, " n"] | None = None,
     catalogue: Mapping[str, float] | None = None,
     settings: MeasureSettings | None = None,
 ) -> CableMeasurement:
@@ -238,6 +246,8 @@ def measure_cable(
             kept where it is given.
         station: Number of the scanner position of each point `[n]`, where the scan was put together from several: each
             position's shift is then fitted as well, and does not widen the diameter.
+        on_cable: Which points may be the cable's `[n]`, where something has told, such as a network that labels parts
+            (`cablejax.nets.label_parts`); the others are passed over. None lets all be looked at.
         catalogue: Overall diameter in mm of each nominal size by name, to tell the size from the diameter.
         settings: Thresholds and what is known of the scanner.
 
@@ -246,7 +256,7 @@ def measure_cable(
 
     Raises:
         MeasureError: If the scan does not hold a cable that can be measured, with the reason in words.
-        ValueError: If the scan is not `[n, 3]`.
+        ValueError: If the scan is not `[n, 3]`, or `on_cable` not one truth value a row.
 
     Example:
         >>> rng = np.random.default_rng(0)
@@ -258,6 +268,14 @@ def measure_cable(
     """
     settings = settings if settings is not None else MeasureSettings()
     every, valid = _points(cloud_or_xyz_mm)
+    if on_cable is not None:
+        on_cable = np.asarray(on_cable)
+        if on_cable.shape != valid.shape or on_cable.dtype != bool:
+            raise ValueError(
+                f"on_cable: expected {len(valid)} truth values, got {on_cable.dtype} {list(on_cable.shape)}"
+            )
+        check_labels(valid, on_cable)
+        valid = valid & on_cable
     check_cloud(every[valid], len(every))
     shift = np.median(every[valid], axis=0)  # keeps the arithmetic near the origin
     xyz = every[valid] - shift
@@ -283,13 +301,14 @@ def _assembled(
     if flat is not None:
         raise flat
     shape = oval(fit) if arc >= settings.oval_arc_deg else None
-    profile, bias = None, beam_bias_mm(fit, sweep)
+    profile, beam = None, beam_bias(fit, sweep, settings.instrument)
+    bias = beam.total_mm
     if sweep is None:
         angle = np.arctan2(fit.place.v, fit.place.u)
         profile = shared_errors(angle, fit.residual_mm, fit.weight, given_std_mm=settings.registration_std_mm)
     diameter = _headline(fit, shape, profile, bias)
     lines = uncertainty_budget(
-        fit, profile, bias_mm=bias, scale_std=settings.scale_std, filter_std_mm=settings.filter_std_mm
+        fit, profile, bias=beam, scale_std=settings.scale_std, filter_std_mm=settings.filter_std_mm
     )
     std = combined(lines)
     if std > WORST_STD * diameter:
@@ -328,6 +347,7 @@ def _assembled(
         verdict=None if catalogue is None else verdict(nominal, diameter, nominal_std, catalogue),
     )
     result.warnings.extend(warnings_about(result, find, oval_arc_deg=settings.oval_arc_deg))
+    result.warnings.extend(about_instrument(beam.excess))
     if shape is not None and sweep is not None and sweep.max() > 0:
         result.warnings.append(SHIFTED)
     return result

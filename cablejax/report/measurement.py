@@ -47,7 +47,9 @@ class Measured(Protocol):
     warnings: Sequence[str]
 
 
-def measurement_page(measured: Measured, *, title: str, source: str, xyz_mm: np.ndarray) -> str:
+def measurement_page(
+    measured: Measured, *, title: str, source: str, xyz_mm: np.ndarray, parts: Mapping[str, int] | None = None
+) -> str:
     """The page as one HTML document.
 
     Args:
@@ -55,6 +57,7 @@ def measurement_page(measured: Measured, *, title: str, source: str, xyz_mm: np.
         title: The page's heading, such as the scan's name.
         source: Where the scan came from, and in what unit.
         xyz_mm: The scan's points `[n, 3]`, in the order that was measured.
+        parts: Points of each part, where a network has labelled the scan.
     """
     low, high = measured.interval_mm
     page = Page(
@@ -67,6 +70,14 @@ def measurement_page(measured: Measured, *, title: str, source: str, xyz_mm: np.
     if measured.nominal:
         rows = [[name, f"{100 * p:.1f} %"] for name, p in measured.nominal.items() if p >= 0.001]
         page.table(["Nominal size", "probability"], rows, caption=f"Verdict: {measured.verdict}")
+    if parts:
+        total = sum(parts.values())
+        rows = [[name, f"{count:,}", f"{100 * count / total:.1f} %"] for name, count in parts.items()]
+        page.table(
+            ["Part", "points", "share"],
+            rows,
+            caption="As a network labelled the scan; the cable's points were measured.",
+        )
     if measured.irregularities:
         rows = [
             [one.kind, f"{one.from_mm:.0f} to {one.to_mm:.0f}", f"{one.change_mm:+.2f}"]

@@ -186,7 +186,10 @@ def _ball(drawn: _Drawn, key: Array, ball_mm: Array, *, n_points: int) -> tuple[
     near = valid & (jnp.sum((xyz - center[None, :]) ** 2, axis=1) < ball_mm**2)
     rows = jax.lax.top_k(jnp.where(near, luck[1], -1.0), n_points)[1]
     mask = near[rows]
-    turned = centred(xyz[rows], mask) @ rotation_of(jax.random.normal(keys[3], (4,))).T
+    points = jnp.where(
+        mask[:, None], xyz[rows], 0.0
+    )  # a beam that met nothing may be NaN, which no weight of 0 takes away
+    turned = centred(points, mask) @ rotation_of(jax.random.normal(keys[3], (4,))).T
     return turned, mask, jnp.where(mask, jnp.asarray(GROUP)[part[rows]], 0)
 
 

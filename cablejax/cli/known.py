@@ -1,0 +1,69 @@
+"""What the user knows beside the scan: the catalogue, the scanner, standard deviations."""
+
+import argparse
+from dataclasses import fields
+from typing import TYPE_CHECKING
+
+from cablejax.cli.main import NoResultError
+
+if TYPE_CHECKING:
+    from cablejax.measure import Instrument, MeasureSettings
+
+
+def sizes(voltage: str | None) -> dict[str, float] | None:
+    """Overall diameter in mm by name, of the catalogue for a rated voltage."""
+    if voltage is None:
+        return None
+    from cablejax.simulate import catalogue
+
+    try:
+        return {cable.name: float(cable.diameter_mm) for cable in catalogue(voltage)}
+    except ValueError as error:
+        raise NoResultError(f"--catalogue {voltage}: {error}") from None
+
+
+def instrument(given: str | None) -> "Instrument | None":
+    """The scanner of `--scanner`: a preset of the simulator, or numbers by name.
+
+    Raises:
+        NoResultError: If it is neither.
+    """
+    if given is None:
+        return None
+    from cablejax.measure import Instrument
+    from cablejax.simulate import PRESETS
+
+    if "=" not in given:
+        if given not in PRESETS:
+            raise NoResultError(
+                f"--scanner {given}: expected one of {', '.join(PRESETS)}, or numbers: range_std_mm=1.2"
+            )
+        device = PRESETS[given]
+        lateral = 1e-3 * device.jitter_mrad * device.standoff_mm
+        return Instrument(device.range_mm, device.incidence_power, lateral, device.footprint_mm)
+    try:
+        numbers = {name.strip(): float(value) for name, value in (pair.split("=") for pair in given.split(","))}
+        return Instrument(**numbers)
+    except TypeError:
+        names = ", ".join(field.name for field in fields(Instrument))
+        raise NoResultError(f"--scanner {given}: expected range_std_mm, and no other names than {names}") from None
+    except ValueError as error:
+        raise NoResultError(f"--scanner {given}: {error}") from None
+
+
+def settings(options: argparse.Namespace) -> "MeasureSettings":
+    """The settings of a measurement.
+
+    Raises:
+        NoResultError: If the scanner is none.
+    """
+    from cablejax.measure import MeasureSettings
+
+    return MeasureSettings(
+        section_mm=options.section,
+        registration_std_mm=options.registration_std,
+        scale_std=options.scale_std,
+        maker_std_mm=options.maker_std,
+        instrument=instrument(options.scanner),
+        seed=options.seed,
+    )
