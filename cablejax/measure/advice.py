@@ -49,9 +49,9 @@ def check_labels(valid: Bool[np.ndarray, " n"], on_cable: Bool[np.ndarray, " n"]
         )
 
 
-def about_instrument(excess: float) -> list[str]:
-    """A sentence where the points scatter much more or less than the scanner's numbers tell; `excess` is the ratio."""
-    if not (excess < 1 / UNLIKE or UNLIKE < excess < float("inf")):
+def about_instrument(excess: float | None) -> list[str]:
+    """A sentence where the points scatter much more or less than the scanner's numbers tell; `excess` is the ratio, or None."""
+    if excess is None or 1 / UNLIKE <= excess <= UNLIKE:
         return []
     why = (
         "was it filtered before, or is it another scanner's?"

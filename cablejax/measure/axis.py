@@ -122,6 +122,12 @@ def locate(axis: Axis, xyz: Float[np.ndarray, "n 3"]) -> Place:
     return Place(s, u, v)
 
 
+def spot(axis: Axis, place: Place) -> Float[np.ndarray, "n 3"]:
+    """Points `[n, 3]` at cable coordinates, the inverse of `locate`."""
+    base, tangent, across = _frame_at(axis, place.s)
+    return base + place.u[:, None] * across + place.v[:, None] * np.cross(tangent, across)
+
+
 def _frame_at(axis: Axis, s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Point, tangent and first frame vector at arc lengths, between the samples and beyond the ends."""
     step = axis.s[1] - axis.s[0]

@@ -22,7 +22,7 @@ from cablejax.measure.advice import (
 )
 from cablejax.measure.alignment import Profile, blocks, shared_errors
 from cablejax.measure.axis import Axis, locate, smoothed, trimmed
-from cablejax.measure.beams import Instrument, beam_bias
+from cablejax.measure.beams import BeamBias, Instrument, beam_bias, clear_of_the_rim, known_beam_bias
 from cablejax.measure.bend import tightest_bend
 from cablejax.measure.budget import COVERAGE, combined, uncertainty_budget
 from cablejax.measure.candidates import Find, find_cables
@@ -33,7 +33,7 @@ from cablejax.measure.nominal import nominal_probabilities, verdict
 from cablejax.measure.planes import Plane
 from cablejax.measure.result import CableMeasurement
 from cablejax.measure.sections import Oval, Sections, arc_seen, cut, oval
-from cablejax.measure.sweeps import GRAZING, at_the_edge, sweeps_of
+from cablejax.measure.sweeps import at_the_edge, sweeps_of
 from cablejax.measure.walk import Walk
 from cablejax.types import PointCloud
 
@@ -88,16 +88,20 @@ def _points(cloud_or_xyz_mm: PointCloud | np.ndarray) -> tuple[np.ndarray, np.nd
 def _tube(
     axis: Axis, radius: float, xyz: np.ndarray, planes: list[Plane], width: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Rows within `width` of the surface, off the planes, and no further than a radius beyond the ends; their arc length."""
+    """Rows within `width` of the surface, off the planes, and no further than a radius beyond the ends; their arc length.
+
+    Raises:
+        MeasureError: If there are too few.
+    """
     box = (xyz > axis.xyz.min(axis=0) - 2 * radius).all(axis=1) & (xyz < axis.xyz.max(axis=0) + 2 * radius).all(axis=1)
     rows = np.flatnonzero(box)
     for plane in planes:
         rows = rows[~plane.holds(xyz[rows])]
-    if len(rows) == 0:
-        return rows, np.empty(0)
     place = locate(axis, xyz[rows])
     distance = np.hypot(place.u, place.v)
     inside = (place.s > -radius) & (place.s < axis.s[-1] + radius) & (np.abs(distance - radius) < width)
+    if inside.sum() < MIN_ON_CABLE:
+        raise MeasureError(f"Too few points on the cable: {inside.sum()} where at least {MIN_ON_CABLE} are needed.")
     return rows[inside], place.s[inside]
 
 
@@ -113,8 +117,6 @@ def _coarse(xyz: np.ndarray, way: Walk, planes: list[Plane]) -> tuple[Axis, floa
     previous, width, noise = np.empty(0, dtype=int), 0.3 * radius, 0.0
     for _ in range(3):  # a start that is 10 % off cuts the tube on one side: cut again about the fit
         rows, _ = _tube(axis, radius, xyz, planes, width)
-        if len(rows) < MIN_ON_CABLE:
-            raise MeasureError(f"Too few points on the cable: {len(rows)} where at least {MIN_ON_CABLE} are needed.")
         if np.array_equal(previous, rows):
             break
         fit = fit_cable(xyz[rows], axis, radius)
@@ -127,11 +129,12 @@ def _coarse(xyz: np.ndarray, way: Walk, planes: list[Plane]) -> tuple[Axis, floa
 
 
 class _Fitted(NamedTuple):
-    """The fit, the rows that took part, and the sweep of each if the sweeps are known."""
+    """The fit, the rows that took part, the sweep of each if the sweeps are known, and where along the start they lay."""
 
     fit: CableFit
     rows: np.ndarray
     sweep: np.ndarray | None
+    along: np.ndarray
 
 
 def _fit(
@@ -145,13 +148,42 @@ def _fit(
         named = np.unique(station[rows], return_inverse=True)[1].reshape(-1)
         both = named if sweep is None else named * (sweep.max() + 1) + sweep
         sweep = np.unique(both, return_inverse=True)[1].reshape(-1)
-    grazing = GRAZING if instrument is None else max(GRAZING, instrument.grazing(radius))
-    trust = ~at_the_edge(locate(axis, xyz[rows]), sweep, noise_mm=noise, radius_mm=radius, grazing=grazing)
+    fit = _about(xyz[rows], axis, radius, noise, sweep, along, instrument)
+    return _Fitted(fit, rows, sweep, along)
+
+
+def _about(
+    xyz: np.ndarray,
+    axis: Axis,
+    radius: float,
+    noise: float,
+    sweep: np.ndarray | None,
+    along: np.ndarray,
+    instrument: Instrument | None,
+) -> CableFit:
+    """The fit about a start, with a shift for every sweep that is known and without the edges of what it saw."""
+    place = locate(axis, xyz)
+    trust = ~at_the_edge(place, sweep, noise_mm=noise, radius_mm=radius)
+    if instrument is not None:
+        trust &= clear_of_the_rim(place, sweep, radius_mm=radius, instrument=instrument)
     if sweep is None or sweep.max() == 0:
-        return _Fitted(fit_cable(xyz[rows], axis, radius, trust=trust), rows, sweep)
-    pieces = max(1, min(8, len(rows) // (500 * int(sweep.max() + 1))))
-    fit = fit_cable(xyz[rows], axis, radius, block=blocks(sweep, along, pieces=pieces), trust=trust)
-    return _Fitted(fit, rows, sweep)
+        return fit_cable(xyz, axis, radius, trust=trust)
+    pieces = max(1, min(8, len(xyz) // (500 * int(sweep.max() + 1))))
+    return fit_cable(xyz, axis, radius, block=blocks(sweep, along, pieces=pieces), trust=trust)
+
+
+def _beams(fitted: _Fitted, settings: MeasureSettings) -> BeamBias:
+    """What the beams have done to the diameter, by the scanner's own numbers where they are given."""
+    fit, sweep, instrument = fitted.fit, fitted.sweep, settings.instrument
+    known = None
+    if instrument is not None:
+
+        def refit(xyz: np.ndarray, rows: np.ndarray) -> CableFit:
+            named = None if sweep is None else np.unique(sweep[rows], return_inverse=True)[1].reshape(-1)
+            return _about(xyz, fit.axis, fit.radius_mm, fit.noise_mm, named, fitted.along[rows], instrument)
+
+        known = known_beam_bias(fit, sweep, instrument, refit, np.random.default_rng(settings.seed))
+    return beam_bias(fit, sweep) if known is None else known
 
 
 def _best(
@@ -296,13 +328,13 @@ def _assembled(
     settings: MeasureSettings,
 ) -> CableMeasurement:
     """The result from the fit: numbers, budget, nominal size and warnings."""
-    fit, rows, sweep = fitted
+    fit, rows, sweep, _ = fitted
     flat = too_flat(arc, fit.noise_mm, fit.radius_mm)
     if flat is not None:
         raise flat
     shape = oval(fit) if arc >= settings.oval_arc_deg else None
-    profile, beam = None, beam_bias(fit, sweep, settings.instrument)
-    bias = beam.total_mm
+    profile, beam = None, _beams(fitted, settings)
+    bias = beam.bias_mm
     if sweep is None:
         angle = np.arctan2(fit.place.v, fit.place.u)
         profile = shared_errors(angle, fit.residual_mm, fit.weight, given_std_mm=settings.registration_std_mm)

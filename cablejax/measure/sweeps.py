@@ -87,7 +87,7 @@ def _turns(middle: np.ndarray, step: np.ndarray, length: float) -> list[int]:
 
 
 def at_the_edge(
-    place: Place, sweep: Int[np.ndarray, " n"] | None, *, noise_mm: float, radius_mm: float, grazing: float = GRAZING
+    place: Place, sweep: Int[np.ndarray, " n"] | None, *, noise_mm: float, radius_mm: float
 ) -> Bool[np.ndarray, " n"]:
     """Which points `[n]` lie at the edges of what a sweep saw around the circumference, or were seen at a grazing angle.
 
@@ -101,7 +101,6 @@ def at_the_edge(
         sweep: Sweep of each point, or None for one.
         noise_mm: Standard deviation of the points about the surface.
         radius_mm: Radius of the cable.
-        grazing: Cosine of the incidence below which the beam grazes.
     """
     sweep = np.zeros(len(place.s), dtype=int) if sweep is None else sweep
     width = int(360 / BIN_DEG)
@@ -109,7 +108,7 @@ def at_the_edge(
     key = sweep * width + np.minimum(bins, width - 1)
     density = np.bincount(key, minlength=(int(sweep.max()) + 1) * width).reshape(-1, width)
     densest = np.sort(density, axis=1)[:, -8:].mean(axis=1, keepdims=True)
-    seen = density >= grazing * densest
+    seen = density >= GRAZING * densest
     seen = np.array([_without_holes(row) for row in seen])
     inner = seen.copy()
     for shift in range(1, 1 + max(1, round(np.degrees(MARGIN * noise_mm / radius_mm) / BIN_DEG))):
