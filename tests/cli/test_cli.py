@@ -2,6 +2,8 @@
 
 import csv
 import json
+import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -304,3 +306,109 @@ def test_completion_knows_commands_options_and_choices(capsys):
 def test_classify_wants_a_run_of_the_trainer(capsys, scan, tmp_path):
     code, _, err = run(capsys, "classify", scan, "--unit", "mm", "--checkpoint", str(tmp_path))
     assert (code, "no run.json" in err) == (1, True)
+
+
+@pytest.fixture(scope="module")
+def parts_run(tmp_path_factory):
+    """A run of experiments.parts whose network has learnt nothing, on clouds that are none."""
+    from flax import nnx
+
+    from cablejax.io import write_json
+    from cablejax.nets import PartNetwork
+    from cablejax.simulate import PARTS, PartSplit
+    from cablejax.train import TrainConfig, fit
+
+    folder, options = (
+        tmp_path_factory.mktemp("runs") / "parts",
+        {"k": 4, "widths": [8, 8], "shared_width": 8, "head": [8]},
+    )
+    xyz = np.random.default_rng(0).normal(size=(4, 64, 3)).astype(np.float32)
+    clouds = PartSplit(xyz, np.ones((4, 64), bool), np.zeros((4, 64), np.int32))
+    model = PartNetwork(len(PARTS), rngs=nnx.Rngs(0), **options)
+    fit(model, clouds, clouds, TrainConfig(epochs=1, batch_size=4, keep_best=True), folder=folder, progress=False)
+    config = {"model": {"options": options}, "parts": {"n_points": 64, "ball_mm": 120.0}}
+    write_json(folder / "run.json", {"config": config, "metrics": {"parts": list(PARTS)}})
+    return folder
+
+
+def labelled_as(part, monkeypatch):
+    """Let the network say `part` of every third point, and cable of the others."""
+    from cablejax import nets
+
+    def label(model, xyz_mm, **options):
+        assert options == {"n_points": 64, "ball_mm": 120.0, "seed": 0}
+        return nets.PartLabels(np.where(np.arange(len(xyz_mm)) % 3 == 0, part, 0), np.empty((len(xyz_mm), 5)))
+
+    monkeypatch.setattr(nets, "label_parts", label)
+
+
+def test_measure_takes_a_networks_labels(capsys, scan, parts_run, monkeypatch, tmp_path):
+    labelled_as(4, monkeypatch)
+    page = tmp_path / "report.html"
+    arguments = ("measure", scan, "--unit", "mm", "--checkpoint", str(parts_run), "--report", str(page))
+    code, out, err = run(capsys, *arguments)
+    assert code == 0
+    assert re.search(r"cable 66\.[67] %, surroundings 33\.[34] %", out)
+    assert "labelling 4,000 points" in err
+    assert "As a network labelled the scan" in page.read_text(encoding="utf-8")
+    _, out, _ = run(capsys, *arguments, "--json")
+    result = json.loads(out)
+    assert result["parts"] == {"cable": 2666, "surroundings": 1334}
+    assert result["points"] <= 2666
+
+
+def test_the_network_itself_labels_every_point(capsys, scan, parts_run):
+    _, out, err = run(capsys, "measure", scan, "--unit", "mm", "--checkpoint", str(parts_run), "--json")
+    assert "labelling 4,000 points" in err
+    # It has seen the class "cable" alone for one step: whatever it says, each point has a label.
+    assert out == "" or sum(json.loads(out)["parts"].values()) == 4000
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        (
+            lambda run: (run / "run.json").unlink(),
+            "no run.json; give the folder of a finished run of experiments.parts",
+        ),
+        (
+            lambda run: (run / "run.json").write_text('{"metrics": {"labels_mm2": []}}'),
+            "trained no network that labels parts; give one of experiments.parts",
+        ),
+        (lambda run: [one.unlink() for one in (run / "checkpoints").iterdir()], "no whole checkpoint"),
+    ],
+    ids=["no record", "another experiment", "no checkpoint"],
+)
+def test_a_folder_that_holds_no_such_network_is_named(capsys, scan, parts_run, tmp_path, change, text):
+    copy = tmp_path / "run"
+    shutil.copytree(parts_run, copy)
+    change(copy)
+    code, _, err = run(capsys, "measure", scan, "--unit", "mm", "--checkpoint", str(copy), "--quiet")
+    assert code == 1
+    assert f"--checkpoint {copy}" in err
+    assert text in err
+    assert "Traceback" not in err
+
+
+def test_measure_takes_a_scanner(capsys, scan):
+    for given in ("line-laser", "range_std_mm=0.05,footprint_mm=0.1"):
+        code, out, _ = run(capsys, "measure", scan, "--unit", "mm", "--scanner", given)
+        assert code == 0
+        assert "(95 %: 29." in out
+
+
+@pytest.mark.parametrize(
+    ("given", "text"),
+    [
+        ("leica", "expected one of ideal, structured-light"),
+        ("footprint_mm=1", "expected range_std_mm, and no other names than range_std_mm, incidence_power"),
+        ("range_std_mm=1,width=2", "and no other names than"),
+        ("range_std_mm=-1", "range_std_mm: expected a number of at least 0, got -1.0"),
+        ("range_std_mm=wide", "could not convert string to float: 'wide'"),
+    ],
+)
+def test_a_scanner_that_is_none_is_named(capsys, scan, given, text):
+    code, _, err = run(capsys, "measure", scan, "--unit", "mm", "--scanner", given, "--quiet")
+    assert code == 1
+    assert f"--scanner {given}" in err
+    assert text in err
