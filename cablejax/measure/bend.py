@@ -6,6 +6,11 @@ import numpy as np
 
 from cablejax.measure.axis import Axis
 
+ALIKE = 2.0  # standard deviations below the largest curvature, within which those beside it count as the same bend
+SHAPE = (
+    0.006  # of the curvature: what stretches and splines make of bends that begin and end, as found on simulated ones
+)
+
 
 class Bend(NamedTuple):
     """The tightest bend: its radius in mm, where along the axis it is, and the 95 % interval of the radius."""
@@ -19,7 +24,8 @@ def tightest_bend(axis: Axis, *, window_mm: float, center_std_mm: float) -> Bend
     """The largest curvature over stretches of `window_mm`, or None where the axis is straight within its uncertainty.
 
     A parabola is fitted to each stretch in the frame of its middle. The axis is uncertain by `center_std_mm` per
-    independent piece, taken as a quarter of the window.
+    independent piece, taken as a quarter of the window. The largest of several curvatures that are alike is largest by
+    chance: those beside it that do not differ by more than `ALIKE` standard deviations are averaged with it.
 
     Args:
         axis: The cable's axis.
@@ -37,14 +43,21 @@ def tightest_bend(axis: Axis, *, window_mm: float, center_std_mm: float) -> Bend
         offset = axis.xyz[part] - axis.xyz[row]
         bent = np.polynomial.polynomial.polyfit(s, offset, 2)[2]
         along = axis.tangent[row]
-        curvature.append(2 * float(np.linalg.norm(bent - (bent @ along) * along)))
+        parabola = 2 * float(np.linalg.norm(bent - (bent @ along) * along))
+        curvature.append(
+            parabola * (1 + (parabola * half * step) ** 2 / 14)
+        )  # a circle's, from the parabola through it
         where.append(float(axis.s[row]))
     if not curvature:
         return None
-    best = int(np.argmax(curvature))
     # A parabola through five independent centres over a window w: curvature std = 2 sqrt(180 / 5) std / w^2.
     std = 12.0 * center_std_mm / window**2
-    k = curvature[best]
+    best = int(np.argmax(curvature))
+    alike = np.array(curvature) >= curvature[best] - ALIKE * std
+    first = best - int(np.argmin(np.append(alike[best::-1], False))) + 1
+    last = best + int(np.argmin(np.append(alike[best:], False)))
+    k = float(np.mean(curvature[first:last]))
     if k < 3 * std:
         return None
+    std = float(np.hypot(std, SHAPE * k))
     return Bend(1 / k, where[best], (1 / (k + 1.96 * std), 1 / max(k - 1.96 * std, 1e-12)))
