@@ -3,6 +3,7 @@
 python -m experiments.parts
 """
 
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -19,10 +20,33 @@ from experiments.schema import Config
 from experiments.train import training_config
 
 
-def clouds(cfg: Config, split: str) -> PartSplit:
+DENSER = 2  # times the points of a cloud are simulated for training, of which each epoch draws its own
+SCALES = (0.85, 1.15)
+AUGMENTED_STREAM = 11  # apart from the streams of the simulator
+
+
+def clouds(cfg: Config, split: str, *, denser: int = 1) -> PartSplit:
     """Labelled clouds of a split."""
-    config = PartsConfig(n_points=cfg.parts.n_points, ball_mm=cfg.parts.ball_mm, seed=cfg.dataset.seed)
+    config = PartsConfig(n_points=denser * cfg.parts.n_points, ball_mm=cfg.parts.ball_mm, seed=cfg.dataset.seed)
     return make_part_split(config, split, getattr(cfg.parts, split), progress=True)
+
+
+def training_clouds(cfg: Config) -> Callable[[int], PartSplit]:
+    """The training clouds of an epoch: a sample of each one's points, at another scale, mirrored or not."""
+    whole = PartSplit(*(np.asarray(each) for each in clouds(cfg, "train", denser=DENSER)))  # pyright: ignore[reportArgumentType]
+    count, n = whole.mask.shape
+
+    def epoch_clouds(epoch: int) -> PartSplit:
+        rng = np.random.default_rng((cfg.dataset.seed, AUGMENTED_STREAM, epoch))
+        luck = np.where(whole.mask, rng.random((count, n)), 2.0)  # padding comes last
+        rows = np.argpartition(luck, cfg.parts.n_points, axis=1)[:, : cfg.parts.n_points]
+        mask, label = (np.take_along_axis(each, rows, axis=1) for each in (whole.mask, whole.label))
+        xyz = np.take_along_axis(whole.xyz, rows[..., None], axis=1)
+        scale = rng.uniform(*SCALES, (count, 1, 1)) * [1.0, 1.0, 1.0]
+        scale[:, :, 2] *= rng.choice([-1.0, 1.0], (count, 1))
+        return PartSplit((xyz * scale).astype(np.float32), mask, label)  # pyright: ignore[reportArgumentType]
+
+    return epoch_clouds
 
 
 def scores(found: Metrics) -> dict[str, Any]:
@@ -44,8 +68,8 @@ def run(cfg: Config, folder: Path) -> dict[str, Any]:
     """Train, choose the epoch on validation, and touch the test split once."""
     model = PartNetwork(len(PARTS), rngs=nnx.Rngs(cfg.seed), **cfg.model.options)
     with RunLogger(folder / "tensorboard") as log:
-        train, validation = clouds(cfg, "train"), clouds(cfg, "validation")
-        result = fit(model, train, validation, training_config(cfg), folder=folder, logger=log)
+        validation = clouds(cfg, "validation")
+        result = fit(model, training_clouds(cfg), validation, training_config(cfg), folder=folder, logger=log)
     best = result.history[result.best_epoch - 1]
     return {
         "parts": list(PARTS),

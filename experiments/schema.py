@@ -154,7 +154,7 @@ class PartsConfig:
     """Clouds whose points are labelled by part, for experiments.parts."""
 
     n_points: int = 1024
-    ball_mm: float = 120.0
+    ball_mm: float = 250.0
     train: int = 2048
     validation: int = 128
     test: int = 384

@@ -27,7 +27,7 @@ class PartLabels(NamedTuple):
 
 
 def label_parts(
-    model: nnx.Module, xyz_mm: Num[np.ndarray, "n 3"], *, n_points: int = 1024, ball_mm: float = 120.0, seed: int = 0
+    model: nnx.Module, xyz_mm: Num[np.ndarray, "n 3"], *, n_points: int = 1024, ball_mm: float = 250.0, seed: int = 0
 ) -> PartLabels:
     """Label the points of a scan.
 

@@ -50,7 +50,7 @@ class PartsConfig:
     """
 
     n_points: int = 1024
-    ball_mm: float = 120.0
+    ball_mm: float = 250.0
     seed: int = 0
 
     def __post_init__(self) -> None:
