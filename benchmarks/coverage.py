@@ -4,7 +4,7 @@
 
 Half of the scans are measured in scan order, where the sweeps show, half with their rows shuffled, where they do not.
 The keys are none of those on which the constants of the budget were chosen; to choose such constants, give another
-`--first-key`. Every scan's row goes to a file of lines beside the result, and a run that was stopped goes on from there.
+`--first-key`. With `--known` each measurement is told its scanner's numbers, as `cablejax measure --scanner` is. Every scan's row goes to a file of lines beside the result, and a run that was stopped goes on from there.
 """
 
 import argparse
@@ -26,11 +26,12 @@ ARCS = (360.0, 180.0, 90.0, 60.0)
 FIRST_KEY = 90_000  # those from 50,000 to 89,999 were looked at when constants were chosen and faults mended
 
 
-def one_scan(index: int, *, points: int, first_key: int) -> dict[str, Any]:
+def one_scan(index: int, *, points: int, first_key: int, known: bool = False) -> dict[str, Any]:
     """Simulate and measure; the error over its standard uncertainty, or the reason of a refusal."""
     import jax
 
-    from cablejax.measure import MeasureError, measure_cable
+    from cablejax.cli.known import instrument
+    from cablejax.measure import MeasureError, MeasureSettings, measure_cable
     from cablejax.simulate import catalogue, simulate_scan
 
     preset, shape = PRESETS[index % 5], SHAPES[index // 5 % 4]
@@ -45,7 +46,7 @@ def one_scan(index: int, *, points: int, first_key: int) -> dict[str, Any]:
         xyz = np.random.default_rng(index).permutation(xyz)
     row = {"index": index, "preset": preset, "shape": shape, "arc_deg": arc, "order": order}
     try:
-        result = measure_cable(xyz)
+        result = measure_cable(xyz, settings=MeasureSettings(instrument=instrument(preset) if known else None))
     except MeasureError as error:
         return {**row, "refused": str(error)}
     return {**row, "error_mm": result.diameter_mm - cable.diameter_mm, "std_mm": result.std_mm}
@@ -109,7 +110,7 @@ def draw(table: list[dict[str, Any]], path: str) -> None:
 def gather(options: argparse.Namespace) -> list[dict[str, Any]]:
     """Measure every scan whose row is not yet in the file of lines, which is first in the order of the indices."""
     lines = Path(options.out).with_suffix(".jsonl") if options.out else None
-    run = {"points": options.points, "first_key": options.first_key}
+    run = {"points": options.points, "first_key": options.first_key, **({"known": True} if options.known else {})}
     rows: list[dict[str, Any]] = []
     if lines is not None and lines.is_file():
         head, *kept = [json.loads(line) for line in lines.read_text().splitlines()]
@@ -137,6 +138,7 @@ def main() -> None:
     parser.add_argument("--scans", type=int, default=1000)
     parser.add_argument("--points", type=int, default=8000)
     parser.add_argument("--first-key", type=int, default=FIRST_KEY, help="of the scans; others to choose constants on")
+    parser.add_argument("--known", action="store_true", help="tell each measurement its scanner's numbers")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--out", help="JSON file to write")
     parser.add_argument("--plot", help="PNG file to write")
@@ -145,7 +147,7 @@ def main() -> None:
     for line in tables(rows):
         print("  ".join(f"{k} {v:.4g}" if isinstance(v, float) else f"{k} {v}" for k, v in line.items()))
     if options.out:
-        config = {"points": options.points, "scans": len(rows)}
+        config = {"points": options.points, "scans": len(rows), "known": options.known}
         kept = provenance(seeds=[options.first_key], config=config)
         write_json(options.out, {"table": tables(rows), "scans": rows, "provenance": kept})
     if options.plot:

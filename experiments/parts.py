@@ -19,7 +19,6 @@ from experiments import app
 from experiments.schema import Config
 from experiments.train import training_config
 
-
 DENSER = 2  # times the points of a cloud are simulated for training, of which each epoch draws its own
 SCALES = (0.85, 1.15)
 AUGMENTED_STREAM = 11  # apart from the streams of the simulator
@@ -33,15 +32,15 @@ def clouds(cfg: Config, split: str, *, denser: int = 1) -> PartSplit:
 
 def training_clouds(cfg: Config) -> Callable[[int], PartSplit]:
     """The training clouds of an epoch: a sample of each one's points, at another scale, mirrored or not."""
-    whole = PartSplit(*(np.asarray(each) for each in clouds(cfg, "train", denser=DENSER)))  # pyright: ignore[reportArgumentType]
-    count, n = whole.mask.shape
+    whole = [np.asarray(each) for each in clouds(cfg, "train", denser=DENSER)]
+    count, n = whole[1].shape
 
     def epoch_clouds(epoch: int) -> PartSplit:
         rng = np.random.default_rng((cfg.dataset.seed, AUGMENTED_STREAM, epoch))
-        luck = np.where(whole.mask, rng.random((count, n)), 2.0)  # padding comes last
+        luck = np.where(whole[1], rng.random((count, n)), 2.0)  # padding comes last
         rows = np.argpartition(luck, cfg.parts.n_points, axis=1)[:, : cfg.parts.n_points]
-        mask, label = (np.take_along_axis(each, rows, axis=1) for each in (whole.mask, whole.label))
-        xyz = np.take_along_axis(whole.xyz, rows[..., None], axis=1)
+        xyz = np.take_along_axis(whole[0], rows[..., None], axis=1)
+        mask, label = (np.take_along_axis(each, rows, axis=1) for each in whole[1:])
         scale = rng.uniform(*SCALES, (count, 1, 1)) * [1.0, 1.0, 1.0]
         scale[:, :, 2] *= rng.choice([-1.0, 1.0], (count, 1))
         return PartSplit((xyz * scale).astype(np.float32), mask, label)  # pyright: ignore[reportArgumentType]
