@@ -4,7 +4,8 @@
 
 Half of the scans are measured in scan order, where the sweeps show, half with their rows shuffled, where they do not.
 The keys are none of those on which the constants of the budget were chosen; to choose such constants, give another
-`--first-key`. With `--known` each measurement is told its scanner's numbers, as `cablejax measure --scanner` is. Every scan's row goes to a file of lines beside the result, and a run that was stopped goes on from there.
+`--first-key`. With `--known` each measurement is told its scanner's numbers, as `cablejax measure --scanner` is. Every
+scan's row goes to a file of lines beside the result, and a run that was stopped goes on from there.
 """
 
 import argparse

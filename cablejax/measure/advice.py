@@ -49,8 +49,25 @@ def check_labels(valid: Bool[np.ndarray, " n"], on_cable: Bool[np.ndarray, " n"]
         )
 
 
-def about_instrument(excess: float | None) -> list[str]:
-    """A sentence where the points scatter much more or less than the scanner's numbers tell; `excess` is the ratio, or None."""
+def not_found_again(why: str) -> MeasureError:
+    """The error where a simulated scan of the cable that was found, by the scanner's numbers, shows none."""
+    return MeasureError(
+        "The diameter cannot be told: a scan of the cable that was found, made with the scanner's numbers, does not show it "
+        f"({why.rstrip('.')}). Are the numbers right? Scan the cable with less noise or from more sides."
+    )
+
+
+def about_instrument(excess: float | None, *, given: bool) -> list[str]:
+    """A sentence where the scanner's numbers were of no use, or the points scatter unlike them.
+
+    Args:
+        excess: Scatter that was found over the one that they tell; None where they were not used.
+        given: Whether there were any.
+    """
+    if given and excess is None:
+        return [
+            "The scanner's numbers were not used: the rows of the file do not show in which direction its beams ran."
+        ]
     if excess is None or 1 / UNLIKE <= excess <= UNLIKE:
         return []
     why = (

@@ -13,6 +13,7 @@ from cablejax.measure.advice import (
     arc_too_small,
     check_cloud,
     check_labels,
+    not_found_again,
     nothing_found,
     strayed,
     too_flat,
@@ -173,7 +174,11 @@ def _about(
 
 
 def _beams(fitted: _Fitted, settings: MeasureSettings) -> BeamBias:
-    """What the beams have done to the diameter, by the scanner's own numbers where they are given."""
+    """What the beams have done to the diameter, by the scanner's own numbers where they are given.
+
+    Raises:
+        MeasureError: If by these numbers the scanner would not have seen the cable that was found.
+    """
     fit, sweep, instrument = fitted.fit, fitted.sweep, settings.instrument
     known = None
     if instrument is not None:
@@ -182,7 +187,10 @@ def _beams(fitted: _Fitted, settings: MeasureSettings) -> BeamBias:
             named = None if sweep is None else np.unique(sweep[rows], return_inverse=True)[1].reshape(-1)
             return _about(xyz, fit.axis, fit.radius_mm, fit.noise_mm, named, fitted.along[rows], instrument)
 
-        known = known_beam_bias(fit, sweep, instrument, refit, np.random.default_rng(settings.seed))
+        try:
+            known = known_beam_bias(fit, sweep, instrument, refit, np.random.default_rng(settings.seed))
+        except MeasureError as error:
+            raise not_found_again(str(error)) from None
     return beam_bias(fit, sweep) if known is None else known
 
 
@@ -379,7 +387,7 @@ def _assembled(
         verdict=None if catalogue is None else verdict(nominal, diameter, nominal_std, catalogue),
     )
     result.warnings.extend(warnings_about(result, find, oval_arc_deg=settings.oval_arc_deg))
-    result.warnings.extend(about_instrument(beam.excess))
+    result.warnings.extend(about_instrument(beam.excess, given=settings.instrument is not None))
     if shape is not None and sweep is not None and sweep.max() > 0:
         result.warnings.append(SHIFTED)
     return result

@@ -6,6 +6,7 @@ from experiments.display import (
     benchmark_tables,
     measure_figures,
     measure_tables,
+    parts_tables,
     speed_tables,
 )
 from experiments.display.sections import Section, of
@@ -81,6 +82,18 @@ FURTHER = (
             of("benchmarks/coverage", measure_figures.coverage),
             of("benchmarks/coverage", measure_figures.calibration),
         ),
+    ),
+    Section(
+        "A known scanner",
+        "What the numbers of the scanner, where they are given, do for the diameter.",
+        (parts_tables.PLAIN, parts_tables.KNOWN),
+        (parts_tables.known_scanner,),
+    ),
+    Section(
+        "Parts",
+        "A network that labels the points of a scan by part, and what its labels do for the diameter.",
+        ("parts", parts_tables.BENCHMARK),
+        (of("parts", parts_tables.labels), of(parts_tables.BENCHMARK, parts_tables.measured)),
     ),
     Section(
         "Real scans",

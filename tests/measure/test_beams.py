@@ -7,7 +7,7 @@ import jax
 import numpy as np
 import pytest
 
-from cablejax.measure import Instrument, MeasureSettings, measure_cable
+from cablejax.measure import Instrument, MeasureError, MeasureSettings, cable, measure_cable
 from cablejax.measure.axis import Place, locate, sampled, spot
 from cablejax.measure.beams import _scanned, clear_of_the_rim
 from cablejax.simulate import PRESETS, make_scene, scan_scene
@@ -122,3 +122,14 @@ def test_without_directions_a_known_scanner_is_as_an_unknown_one():
     plain, known = measure_cable(xyz), measure_cable(xyz, settings=MeasureSettings(instrument=Instrument(0.05)))
     assert known.diameter_mm == plain.diameter_mm
     assert known.std_mm == plain.std_mm
+    assert any("scanner's numbers were not used" in text for text in known.warnings)
+    assert not any("scanner's numbers" in text for text in plain.warnings)
+
+
+def test_numbers_with_which_the_cable_is_not_seen_again_are_said_to_be_doubtful(monkeypatch):
+    def refuse(*_):
+        raise MeasureError("Too few points on the cable: 3 where at least 30 are needed.")
+
+    monkeypatch.setattr(cable, "known_beam_bias", refuse)
+    with pytest.raises(MeasureError, match=r"does not show it \(Too few points .* needed\)\. Are the numbers right\?"):
+        measure_cable(swept(0.05), settings=MeasureSettings(instrument=Instrument(0.05)))
