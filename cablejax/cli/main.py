@@ -136,7 +136,7 @@ def _register(sub: argparse._SubParsersAction) -> None:
     parser.add_argument(
         "--output", metavar="FILE", help="write the moved source, or all scans together if more than two"
     )
-    parser.add_argument("--method", choices=("point", "plane", "gicp"), default="plane", help="default: plane")
+    parser.add_argument("--method", choices=("point", "plane", "gicp"), default="gicp", help="default: gicp")
     parser.add_argument("--kernel", choices=("none", "huber", "cauchy", "tukey"), default="none", help="default: none")
     parser.add_argument("--max-distance", type=float, metavar="MM", help="between partners (default: from the spacing)")
     parser.add_argument(
