@@ -11,7 +11,11 @@ if TYPE_CHECKING:
 
 
 def sizes(voltage: str | None) -> dict[str, float] | None:
-    """Overall diameter in mm by name, of the catalogue for a rated voltage."""
+    """Overall diameter in mm by name, of the catalogue for a rated voltage.
+
+    Raises:
+        NoResultError: If there is none for it.
+    """
     if voltage is None:
         return None
     from cablejax.simulate import catalogue

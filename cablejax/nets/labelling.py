@@ -11,6 +11,9 @@ from scipy.spatial import KDTree
 
 MOST_POINTS = 60_000  # labelled by the network; of more, the rest takes the label of its nearest
 INNER = 0.7  # of the ball's radius: points farther out have seen half of their surroundings
+RIM_WEIGHT = (
+    0.02  # say of a point on the rim of a ball, beside 1 + this in its middle: never 0, for it may be the only one
+)
 BATCH = 16
 
 
@@ -86,7 +89,7 @@ def _labelled(
         total = np.zeros((len(xyz), out.shape[-1])) if total is None else total
         for rows, center, seen in zip(batch, centers[first:], out, strict=False):
             away = np.sum((xyz[rows] - center) ** 2, axis=1) / ball_mm**2
-            total[rows] += (1.02 - away)[:, None] * seen[: len(rows)]
+            total[rows] += (1 + RIM_WEIGHT - away)[:, None] * seen[: len(rows)]
     assert total is not None
     return total / total.sum(axis=1, keepdims=True)
 
