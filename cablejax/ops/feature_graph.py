@@ -7,7 +7,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from cablejax.ops.cloud_by_cloud import cloud_by_cloud
-from cablejax.ops.neighbors_dense import choose, chooses, in_order
+from cablejax.ops.neighbors.dense import choose, chooses, in_order
 
 SELF = -1.0  # before every distance; as bits it is the one negative number
 

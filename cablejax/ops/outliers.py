@@ -96,7 +96,7 @@ def radius_outliers(
     Returns:
         Points to keep, their count within the radius, `min_neighbors`, and status.
     """
-    count = radius_count(cloud.xyz, radius=radius, mask=cloud.mask, include_self=True)
+    count = radius_count(cloud.xyz, radius=radius, mask=cloud.mask, include_self=True).count
     threshold = jnp.asarray(min_neighbors, dtype=jnp.float32)
     score = count.astype(jnp.float32)
     return OutlierResult(_finite(cloud) & (score > threshold), score, threshold, _status(cloud, None))

@@ -9,8 +9,8 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from cablejax.ops.cloud_by_cloud import cloud_by_cloud
-from cablejax.ops.neighbors_brute import knn_brute, map_blocks, square_distances
-from cablejax.ops.neighbors_select import INFINITE, WORD, columns, in_pieces
+from cablejax.ops.neighbors.brute import knn_brute, map_blocks, square_distances
+from cablejax.ops.neighbors.select import INFINITE, WORD, columns, in_pieces
 
 GROUPS = 128
 COARSE = 13  # low bits of a threshold that are not searched: it lies up to 0.1 % too high and selects a few more

@@ -12,8 +12,11 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int, UInt
+
+from cablejax.ops.varying import varying_like
 
 WORD = 32
 LARGEST = float(jnp.finfo(jnp.float32).max)
@@ -21,7 +24,7 @@ BINS = 8
 HALF_OCTAVE = 22  # a float's bits above this place step by half an octave
 INFINITE = 0x7F800000  # bits of infinity: no score of a candidate lies as high
 FULL = 15  # words that a bin of four bits can count
-ROUNDS = 10  # eight bins cut the 31 bits of a float above zero down to one in ten rounds
+ROUNDS = 12  # eight bins cut the 31 bits of a float above zero down to one in eleven rounds
 
 
 class Threshold(NamedTuple):
@@ -29,23 +32,28 @@ class Threshold(NamedTuple):
 
     Attributes:
         value: Scores <= value are selected `[...]`.
-        complete: True where no more than `most` are, so that all of them find room `[...]`.
+        complete: True where no more than `most` are, and no fewer than `least` unless there are no more `[...]`.
+        above: At least `least` scores are <= above, or all of them `[...]`; more than `most` where `value` is not complete.
+        tied: True where no threshold exists, as more scores than there is room for are equal to `above` `[...]`.
     """
 
     value: Float[Array, "..."]
     complete: Bool[Array, "..."]
+    above: Float[Array, "..."]
+    tied: Bool[Array, "..."]
 
 
 class _Search(NamedTuple):
-    """Brackets `[...]` in float-bit order: fewer than `least` scores lie below `low`, more than `most` below `high`."""
+    """Brackets `[...]` in float-bit order: fewer than `least` scores lie below `low`, more than `most` below `high`.
+
+    `edge` is -1 until a row is settled. Few arrays are carried, and bins made from them where they are needed: a loop over
+    small arrays costs by the number of its kernels.
+    """
 
     step: Int[Array, ""]
-    settled: Bool[Array, "..."]
     edge: Int[Array, "..."]
     low: Int[Array, "..."]
     high: Int[Array, "..."]
-    start: Int[Array, "..."]
-    shift: Int[Array, "..."]
     counts: UInt[Array, "... g 32"]
 
 
@@ -54,10 +62,11 @@ def narrow(
     operands: Any,
     *,
     words: int,
-    least: int,
-    most: int,
+    least: int | Int[Array, ""],
+    most: int | Int[Array, ""],
     guess: Float[Array, "..."],
     active: Bool[Array, "..."],
+    patience: int | Int[Array, ""] = 0,
 ) -> Threshold:
     """Find thresholds that select between `least` and `most` scores of each row, or all if there are no more than `most`.
 
@@ -65,38 +74,44 @@ def narrow(
         score: The scores `[..., 32]` of one word as a function of `operands` and the word's number; inf for none.
         operands: What `score` is made from.
         words: Number of words. Static.
-        least: Smallest count wanted. Static.
-        most: Largest count accepted. Static.
+        least: Smallest count wanted.
+        most: Largest count accepted.
         guess: Where to look first, above zero `[...]`.
         active: Rows that matter `[...]`; others never keep the loop going.
+        patience: So many rows may go without a threshold that a longer search would find.
 
     Returns:
-        Thresholds; where ties leave none, one that selects too few. A few rows in a hundred may go without one that a
-        longer search would find.
+        Thresholds; where ties leave none, one that selects too few.
     """
-    rows = max(1, guess.size)
 
-    def measure(start: Array, shift: Array) -> Array:
+    middle = lax.bitcast_convert_type(jnp.minimum(guess, 1e37), jnp.int32)
+    around = jnp.maximum(middle - ((BINS // 2) << HALF_OCTAVE), 0)
+
+    def measure(search: _Search) -> Array:
+        start, shift = _bins(search, around)
         return _histogram(lambda word: score(operands, word), words, start, shift)
 
     def unsettled(search: _Search) -> Array:
-        return (search.step < ROUNDS) & (jnp.sum(~search.settled) > rows // 64)
+        return (search.step < ROUNDS) & (jnp.sum(search.edge < 0, dtype=jnp.int32) > patience)
 
     def once(search: _Search) -> _Search:
-        now = _settle(search, least, most)
+        now = _settle(search, *_bins(search, around), least, most)._replace(step=search.step + 1)
         # Counts are carried from round to round: as a value of the loop they are one pass, read by several consumers.
-        counts = lax.cond(unsettled(now), measure, lambda start, shift: search.counts, now.start, now.shift)
+        counts = lax.cond(unsettled(now), measure, lambda now: now.counts, now)
         return now._replace(counts=counts)
 
-    middle = lax.bitcast_convert_type(jnp.minimum(guess, 1e37), jnp.int32)
-    start = jnp.maximum(middle - ((BINS // 2) << HALF_OCTAVE), 0)
     none = jnp.zeros(guess.shape, dtype=jnp.int32)
     # The first round finds no counts and measures: so what the scores are made from reaches the loop as finished arrays.
     counts = jnp.zeros((*guess.shape, -(-words // FULL), WORD), dtype=jnp.uint32)
-    first = _Search(jnp.int32(-1), ~active, none, none, none + INFINITE, start, none + HALF_OCTAVE, counts)
-    last = lax.while_loop(unsettled, once, first)
-    edge = jnp.where(last.settled, last.edge, last.low)
-    return Threshold(lax.bitcast_convert_type(jnp.maximum(edge - 1, 0), jnp.float32), edge > 0)
+    first = _Search(jnp.int32(-1), jnp.where(active, -1, 0), none, none + INFINITE, counts)
+    last = lax.while_loop(unsettled, once, varying_like(first, operands, guess, active))
+    edge = jnp.where(last.edge >= 0, last.edge, last.low)
+    value, above = (
+        lax.bitcast_convert_type(jnp.clip(each - 1, 0, INFINITE - 1), jnp.float32) for each in (edge, last.high)
+    )
+    settled = active & (last.edge >= 0)
+    complete = settled & ((edge > last.low) | (edge == INFINITE))
+    return Threshold(value, complete, jnp.where(complete, value, above), settled & ~complete)
 
 
 def apart(function: Callable[..., Any], sure: Bool[Array, ""], *operands: Any) -> Any:
@@ -124,21 +139,21 @@ def in_pieces(count: Callable[[slice], Array], size: int) -> Array:
 def selected(score: Float[Array, "... w 32"], threshold: Float[Array, "..."]) -> UInt[Array, "... w"]:
     """One bit per score, set where score <= threshold."""
     hit = (score <= threshold[..., None, None]).astype(jnp.uint32)
-    return jnp.sum(hit << _ramp(score.ndim, WORD, jnp.uint32), axis=-1)
+    return jnp.sum(hit << _ramp(score.ndim, WORD, jnp.uint32), axis=-1, dtype=jnp.uint32)
 
 
 def columns(words: UInt[Array, "... w"], m: int) -> Int[Array, "... m"]:
     """Column numbers of the first `m` set bits of each row, ascending; -1 where there are fewer."""
     ndim, w = words.ndim, words.shape[-1]
     count = lax.population_count(words).astype(jnp.int32)
-    earlier = (jnp.arange(w)[:, None] > jnp.arange(w)[None, :]).reshape((1,) * (ndim - 1) + (w, w))
-    start = jnp.sum(jnp.where(earlier, count[..., None, :], 0), axis=-1)
+    earlier = jnp.asarray(np.arange(w)[:, None] > np.arange(w)[None, :]).reshape((1,) * (ndim - 1) + (w, w))
+    start = jnp.sum(jnp.where(earlier, count[..., None, :], 0), axis=-1, dtype=jnp.int32)
     end = start + count
     nth = _ramp(ndim, m)
     holds = (start[..., None, :] <= nth[..., None]) & (nth[..., None] < end[..., None, :])
     word = jnp.sum(jnp.where(holds, words[..., None, :], 0), axis=-1, dtype=jnp.uint32)
-    rank = nth - jnp.sum(jnp.where(holds, start[..., None, :], 0), axis=-1)
-    column = WORD * jnp.sum(jnp.where(holds, _ramp(ndim + 1, w), 0), axis=-1)
+    rank = nth - jnp.sum(jnp.where(holds, start[..., None, :], 0), axis=-1, dtype=jnp.int32)
+    column = WORD * jnp.sum(jnp.where(holds, _ramp(ndim + 1, w), 0), axis=-1, dtype=jnp.int32)
     for half in (16, 8, 4, 2, 1):
         low = word & jnp.uint32((1 << half) - 1)
         skipped = lax.population_count(low).astype(jnp.int32)
@@ -163,31 +178,35 @@ def _histogram(score: Callable[[int], Array], words: int, start: Int[Array, "...
     return jnp.stack(sums, axis=-2)
 
 
-def _settle(search: _Search, least: int, most: int) -> _Search:
-    """Read the histogram: settle rows with a good edge, tighten the brackets of the others, and place their next bins."""
-    low_half = jnp.uint32(0x000F000F)
-    pairs = [jnp.sum((search.counts >> (4 * i)) & low_half, axis=(-2, -1), dtype=jnp.uint32) for i in range(4)]
-    bins = [pair & 0xFFFF for pair in pairs] + [pair >> 16 for pair in pairs]
-    settled, edge, low, high = search.settled, search.edge, search.low, search.high
-    below = jnp.zeros(settled.shape, dtype=jnp.int32)
+def _bins(search: _Search, around: Int[Array, "..."]) -> tuple[Int[Array, "..."], Int[Array, "..."]]:
+    """Where the next bins start, and how many bits wide they are: half octaves at first, then an eighth of the bracket."""
+    width = jnp.maximum(search.high - search.low - 1, 1)
+    narrower = jnp.maximum(32 - lax.clz(width) - 3, 0)
+    at_first = search.step <= 0
+    return jnp.where(at_first, around, search.low), jnp.where(at_first, HALF_OCTAVE, narrower)
+
+
+def _settle(search: _Search, start: Array, shift: Array, least: int | Array, most: int | Array) -> _Search:
+    """Read the histogram: settle rows with a good edge, and tighten the brackets of the others."""
+    # Bins of four bits become bytes, which hold the sum of sixteen columns.
+    halves = search.counts.reshape(*search.counts.shape[:-1], 2, WORD // 2)
+    fields = [jnp.sum((halves >> bits) & 0x0F0F0F0F, axis=-1, dtype=jnp.uint32) for bits in (0, 4)]
+    edge, low, high = search.edge, search.low, search.high
+    below = jnp.zeros(edge.shape, dtype=jnp.int32)
     for i in range(BINS):
-        below = below + bins[i].astype(jnp.int32)
-        end = search.start.astype(jnp.uint32) + (jnp.uint32(i + 1) << search.shift.astype(jnp.uint32))
+        byte = ((fields[i % 2] >> 8 * (i // 2)) & 0xFF).astype(jnp.int32)
+        below = reduce(add, (byte[..., g, half] for g in range(byte.shape[-2]) for half in (0, 1)), below)
+        end = start.astype(jnp.uint32) + (jnp.uint32(i + 1) << shift.astype(jnp.uint32))
         end = jnp.minimum(end, INFINITE).astype(jnp.int32) if i < BINS - 1 else jnp.full(below.shape, INFINITE)
         fits = (below <= most) & ((below >= least) if i < BINS - 1 else True)
-        edge = jnp.where(fits & ~settled, end, edge)
-        settled = settled | fits
-        low = jnp.where(below < least, jnp.maximum(low, end), low)
-        high = jnp.where(below > most, jnp.minimum(high, end), high)
-    width = jnp.maximum(high - low - 1, 1)
-    shift = jnp.maximum(32 - lax.clz(width) - 3, 0)
-    stuck = high - low <= 1
-    now = _Search(
-        search.step + 1, settled | stuck, jnp.where(stuck & ~settled, low, edge), low, high, low, shift, search.counts
-    )
-    return jax.tree.map(lambda new, old: jnp.where(search.step < 0, old, new), now, search)._replace(
-        step=search.step + 1
-    )
+        edge = lax.select(fits & (edge < 0), end, edge)
+        low = lax.select(below < least, jnp.maximum(low, end), low)
+        high = lax.select(below > most, jnp.minimum(high, end), high)
+    edge = lax.select((high - low <= 1) & (edge < 0), low, edge)
+    nothing_counted = search.step < 0
+    now = ((edge, search.edge), (low, search.low), (high, search.high))
+    edge, low, high = (jnp.where(nothing_counted, old, new) for new, old in now)
+    return search._replace(edge=edge, low=low, high=high)
 
 
 def _ramp(ndim: int, size: int, dtype=jnp.int32) -> Array:
