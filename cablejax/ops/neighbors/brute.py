@@ -42,7 +42,7 @@ def knn_brute(
 
     def nearest(block_queries: Array, block_skip: Array) -> tuple[Array, Array]:
         distance = square_distances(block_queries, xyz)
-        usable = valid[None, :] & (jnp.arange(n)[None, :] != block_skip[:, None])
+        usable = valid[None, :] & (jnp.arange(n, dtype=jnp.int32)[None, :] != block_skip[:, None])
         negative, index = lax.top_k(-jnp.where(usable, distance, jnp.inf), taken)
         return jnp.where(negative > -jnp.inf, index, -1), -negative
 
@@ -62,7 +62,7 @@ def count_brute(
 
     def inside(block_queries: Array, block_skip: Array) -> Array:
         near = square_distances(block_queries, xyz) <= square_radius
-        usable = valid[None, :] & (jnp.arange(xyz.shape[0])[None, :] != block_skip[:, None])
+        usable = valid[None, :] & (jnp.arange(xyz.shape[0], dtype=jnp.int32)[None, :] != block_skip[:, None])
         return jnp.sum(near & usable, axis=1, dtype=jnp.int32)
 
     return map_blocks(inside, queries.shape[0], xyz.shape[0], queries, skip)

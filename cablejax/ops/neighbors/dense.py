@@ -73,7 +73,7 @@ def in_order(row: Int[Array, "q s"], key: Float[Array, "q s"], *, k: int, ascend
     Rows that are known to ascend (static) save a comparison.
     """
     bits, slots = jnp.where(row >= 0, _bits(key), INFINITE), row.shape[1]
-    order = jnp.arange(slots)[None, :] if ascending else row
+    order = jnp.arange(slots, dtype=jnp.int32)[None, :] if ascending else row
 
     def before(part: slice) -> Array:
         lower_row = (order[:, None, part] < order[:, :, None]).astype(jnp.int32)
@@ -83,8 +83,8 @@ def in_order(row: Int[Array, "q s"], key: Float[Array, "q s"], *, k: int, ascend
     rank = in_pieces(before, slots)
 
     def placed(part: slice) -> Array:
-        holds = (rank[:, None, part] == jnp.arange(k)[None, :, None]) & (row >= 0)[:, None, part]
-        return jnp.sum(jnp.where(holds, jnp.arange(1, slots + 1)[None, None, part], 0), axis=2)
+        holds = (rank[:, None, part] == jnp.arange(k, dtype=jnp.int32)[None, :, None]) & (row >= 0)[:, None, part]
+        return jnp.sum(jnp.where(holds, jnp.arange(1, slots + 1, dtype=jnp.int32)[None, None, part], 0), axis=2)
 
     return in_pieces(placed, slots) - 1
 

@@ -36,7 +36,11 @@ def root(tree: Tree, b: int, width: int) -> Near:
     """The root's children, from which nothing is left out, for b boxes."""
     number = np.arange(width, dtype=np.int32)
     first = jnp.asarray(np.where(number < tree.level_sizes()[0], number, -1))
-    return Near(jnp.tile(first, (b, 1)), jnp.full(b, LARGEST), jnp.full(b, tree.row.shape[0], dtype=jnp.int32))
+    return Near(
+        jnp.tile(first, (b, 1)),
+        jnp.full(b, LARGEST, dtype=jnp.float32),
+        jnp.full(b, tree.row.shape[0], dtype=jnp.int32),
+    )
 
 
 def descend(
@@ -115,7 +119,7 @@ def descend(
 
 def _gaps(level: Boxes, offset: Array, child: Int[Array, "b c"], boxes: Boxes) -> Float[Array, "b c"]:
     """Squared distance from each box to each of its candidate nodes; inf where there is no node or no box."""
-    total = jnp.where(child < 0, jnp.inf, 0.0)
+    total = jnp.where(child < 0, jnp.inf, jnp.zeros(child.shape, dtype=jnp.float32))
     at = jnp.maximum(child, 0) + offset
     for axis in range(3):
         low = level.lower[axis].at[at].get(mode="promise_in_bounds")

@@ -9,7 +9,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from cablejax.ops.neighbors.dense import knn_dense
 from cablejax.ops.neighbors.rank import Ranked, distance_sum, in_order, rows_in_order
-from cablejax.ops.neighbors.request import Request, as_float32, prepare
+from cablejax.ops.neighbors.request import Request, as_float32, bit, prepare
 from cablejax.ops.neighbors.search import Finish, search
 from cablejax.ops.neighbors.tree import Tree
 from cablejax.types import Status
@@ -95,7 +95,7 @@ def distance_sums(
     usable = cloud.asked & cloud.finite
     total, count = jnp.where(usable, total, 0.0), jnp.where(usable, count, 0)
     few = usable & (count < k)
-    status = few * int(Status.TOO_FEW_NEIGHBORS) | (cloud.asked & ~cloud.finite) * int(Status.NOT_FINITE)
+    status = bit(few, Status.TOO_FEW_NEIGHBORS) | bit(cloud.asked & ~cloud.finite, Status.NOT_FINITE)
     return total, count, status.astype(jnp.int32)
 
 
@@ -132,7 +132,7 @@ def neighbors_and_sums(
         usable = cloud.asked & cloud.finite
         neighbors = jnp.where(usable[:, None], neighbors, -1)
         total, count = jnp.where(usable, total, 0.0), jnp.where(usable, count, 0)
-        odd = (cloud.asked & ~cloud.finite) * int(Status.NOT_FINITE)
+        odd = bit(cloud.asked & ~cloud.finite, Status.NOT_FINITE)
         few = usable & (neighbors[:, -1] < 0)
     else:
         found = knn(jax.lax.stop_gradient(xyz), k=most, mask=mask)
@@ -144,7 +144,7 @@ def neighbors_and_sums(
         neighbors, odd = found.neighbors[:, :k], found.status & int(Status.NOT_FINITE)
         usable = (odd == 0) & (jnp.ones(xyz.shape[0], dtype=bool) if mask is None else mask)
         few = usable & (neighbors[:, -1] < 0)
-    status, total_status = (each * int(Status.TOO_FEW_NEIGHBORS) | odd for each in (few, usable & (count < total_k)))
+    status, total_status = (bit(each, Status.TOO_FEW_NEIGHBORS) | odd for each in (few, usable & (count < total_k)))
     return ListAndSums(neighbors, status.astype(jnp.int32), total, count, total_status.astype(jnp.int32))
 
 
@@ -165,7 +165,7 @@ def nearest_in(cloud: Request, trees: tuple[Tree, Tree] | None, *, k: int, own: 
     usable = cloud.asked & cloud.finite
     neighbors, sq_dist = jnp.where(usable[:, None], neighbors, -1), jnp.where(usable[:, None], sq_dist, jnp.inf)
     few = usable & (neighbors[:, -1] < 0)
-    status = few * int(Status.TOO_FEW_NEIGHBORS) | (cloud.asked & ~cloud.finite) * int(Status.NOT_FINITE)
+    status = bit(few, Status.TOO_FEW_NEIGHBORS) | bit(cloud.asked & ~cloud.finite, Status.NOT_FINITE)
     return KnnResult(neighbors, sq_dist, status.astype(jnp.int32))
 
 

@@ -9,7 +9,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from cablejax.ops.neighbors.brute import count_brute
 from cablejax.ops.neighbors.knn import differentiable, nearest_in
-from cablejax.ops.neighbors.request import Request, prepare
+from cablejax.ops.neighbors.request import Request, bit, prepare
 from cablejax.ops.neighbors.tree import Tree
 from cablejax.ops.neighbors.within import count_within
 from cablejax.types import Status
@@ -69,7 +69,7 @@ def radius_search(
     count = jax.lax.cond(
         jnp.any(kept == capacity), lambda: _counts(cloud, trees, square_radius, own, include_self), lambda: kept
     )
-    status = (nearest.status & int(Status.NOT_FINITE)) | (count > capacity) * int(Status.CAPACITY_EXCEEDED)
+    status = (nearest.status & int(Status.NOT_FINITE)) | bit(count > capacity, Status.CAPACITY_EXCEEDED)
     neighbors = jnp.where(inside, nearest.neighbors, -1)
     sq_dist = differentiable(nearest.sq_dist, nearest.neighbors, xyz, queries)
     return RadiusResult(neighbors, jnp.where(inside, sq_dist, jnp.inf), count, status.astype(jnp.int32))
@@ -99,7 +99,7 @@ def radius_count(
     """Count the points within a radius of each query, distance <= radius; arguments and errors as `radius_search`."""
     cloud, own = prepare(xyz, queries, mask, include_self), queries is None
     trees = cloud.trees(own) if cloud.has_tree() else None
-    status = (cloud.asked & ~cloud.finite) * int(Status.NOT_FINITE)
+    status = bit(cloud.asked & ~cloud.finite, Status.NOT_FINITE)
     return RadiusCount(_counts(cloud, trees, _square(radius), own, include_self), status.astype(jnp.int32))
 
 

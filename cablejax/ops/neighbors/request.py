@@ -7,6 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from cablejax.ops.neighbors.tree import Tree, build
+from cablejax.types import Status
 
 BRUTE_POINTS = 2048  # up to here comparing all pairs costs about as little as a tree, which takes seconds to compile
 AXES = 3  # up to so many a tree serves; beyond, boxes meet almost everything and all pairs are compared
@@ -80,6 +81,11 @@ def as_float32(xyz: Array, name: str) -> Float[Array, "..."]:
         f"{name}: expected float32 coordinates (or float16, bfloat16), got {xyz.dtype}; "
         f"shift them near the origin, then cast: ({name} - {name}.mean(axis=0)).astype(float32)"
     )
+
+
+def bit(condition: Bool[Array, " n"], status: Status) -> Int[Array, " n"]:
+    """A status where a condition holds, 0 elsewhere."""
+    return jnp.where(condition, jnp.int32(int(status)), jnp.int32(0))
 
 
 def in_space(xyz: Float[Array, "n c"]) -> Float[Array, "n 3"]:

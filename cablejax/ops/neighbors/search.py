@@ -119,8 +119,8 @@ def search(tree: Tree, targets: Tree, queries: int, *, k: int, include_self: boo
     shapes = jax.eval_shape(lambda: finish(_nothing(1, k)))
     outputs = tuple(jnp.zeros((queries, *s.shape[1:]), s.dtype) for s in shapes)
     none = jnp.zeros((pool, LEAF), jnp.int32)
-    far, nothing = jnp.full(none.shape, LARGEST), _nothing(pool * LEAF, k)
-    beyond = jnp.full(pool, -1.0)
+    far, nothing = jnp.full(none.shape, LARGEST, dtype=jnp.float32), _nothing(pool * LEAF, k)
+    beyond = jnp.full(pool, -1.0, dtype=jnp.float32)
     idle = _Pool(none, none > 0, none > 0, none[:, 0], none[:, 0], beyond, far, nothing.row, nothing.sq_dist)
     proven = targets.row.reshape(-1) < 0
     empty = (jnp.int32(0), jnp.int32(0))
@@ -157,7 +157,11 @@ def _near_groups(tree: Tree, targets: Tree, width: int) -> Near:
 def _above_leaves(tree: Tree, boxes: Boxes, width: int, **how: Array) -> Near:
     """Nodes one level above the leaves, nearest first unless told how."""
     b = boxes.lower.shape[1]
-    nearest = {"in_order": jnp.zeros(b, bool), "reach": jnp.full(b, LARGEST), "start": jnp.zeros(b, jnp.int32)}
+    nearest = {
+        "in_order": jnp.zeros(b, bool),
+        "reach": jnp.full(b, LARGEST, dtype=jnp.float32),
+        "start": jnp.zeros(b, jnp.int32),
+    }
     levels = (0, len(tree.level_sizes()) - 2)
     return descend(tree, root(tree, b, width), boxes, levels=levels, most=width, **(how or nearest))
 
@@ -249,7 +253,7 @@ def _round(
 def _nothing(q: int, k: int) -> Ranked:
     """No candidates."""
     shape = (q, slots_for(k))
-    return rank(jnp.full(shape, -1, dtype=jnp.int32), jnp.full(shape, jnp.inf))
+    return rank(jnp.full(shape, -1, dtype=jnp.int32), jnp.full(shape, jnp.inf, dtype=jnp.float32))
 
 
 def _box(xyz: Float[Array, "3 b 8"], there: Bool[Array, "b 8"]) -> Boxes:

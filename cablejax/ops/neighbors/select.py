@@ -103,7 +103,7 @@ def narrow(
     none = jnp.zeros(guess.shape, dtype=jnp.int32)
     # The first round finds no counts and measures: so what the scores are made from reaches the loop as finished arrays.
     counts = jnp.zeros((*guess.shape, -(-words // FULL), WORD), dtype=jnp.uint32)
-    first = _Search(jnp.int32(-1), jnp.where(active, -1, 0), none, none + INFINITE, counts)
+    first = _Search(jnp.int32(-1), jnp.where(active, -1, none), none, none + INFINITE, counts)
     last = lax.while_loop(unsettled, once, varying_like(first, operands, guess, active))
     edge = jnp.where(last.edge >= 0, last.edge, last.low)
     value, above = (
@@ -197,7 +197,11 @@ def _settle(search: _Search, start: Array, shift: Array, least: int | Array, mos
         byte = ((fields[i % 2] >> 8 * (i // 2)) & 0xFF).astype(jnp.int32)
         below = reduce(add, (byte[..., g, half] for g in range(byte.shape[-2]) for half in (0, 1)), below)
         end = start.astype(jnp.uint32) + (jnp.uint32(i + 1) << shift.astype(jnp.uint32))
-        end = jnp.minimum(end, INFINITE).astype(jnp.int32) if i < BINS - 1 else jnp.full(below.shape, INFINITE)
+        end = (
+            jnp.minimum(end, INFINITE).astype(jnp.int32)
+            if i < BINS - 1
+            else jnp.full(below.shape, INFINITE, dtype=jnp.int32)
+        )
         fits = (below <= most) & ((below >= least) if i < BINS - 1 else True)
         edge = lax.select(fits & (edge < 0), end, edge)
         low = lax.select(below < least, jnp.maximum(low, end), low)

@@ -58,7 +58,7 @@ def _count(
     lower = jnp.min(jnp.where(there[None], xyz, jnp.inf), axis=2)
     boxes = Boxes(lower, jnp.max(jnp.where(there[None], xyz, -jnp.inf), axis=2))
     # A little more than the radius, so that rounding cannot leave out a leaf that touches it.
-    reach = jnp.minimum(square_radius * 1.00001 + 1e-30, LARGEST) * jnp.ones(blocks)
+    reach = jnp.minimum(square_radius * 1.00001 + 1e-30, LARGEST) * jnp.ones(blocks, dtype=jnp.float32)
     in_order, depth = jnp.ones(blocks, dtype=bool), len(tree.level_sizes()) - 1
 
     def once(state: Round) -> Round:
