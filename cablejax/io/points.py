@@ -50,7 +50,7 @@ class PointFile:
 def read_points(
     path: str | os.PathLike[str],
     *,
-    unit: str = "mm",
+    unit: str | None = "mm",
     columns: str | Sequence[str] | None = None,
     time_limit_s: float | None = None,
 ) -> PointFile:
@@ -61,7 +61,8 @@ def read_points(
 
     Args:
         path: The file.
-        unit: The file's unit: "um", "mm", "cm", "dm", "m", "km", "in" or "ft". E57 is in metres by its standard.
+        unit: The file's unit: "um", "mm", "cm", "dm", "m", "km", "in" or "ft"; None for the one that it states itself, as E57
+            does and column names may ("x [m]"), and mm where it states none.
         columns: What the columns of a text table are, such as "index,x,y,z,intensity"; None for what its header says or
             its numbers leave no doubt about.
         time_limit_s: Most time that a native reader may take. None: 30 s and a second for every MB.
@@ -85,12 +86,13 @@ def read_points(
         >>> scan.xyz_mm.tolist(), scan.dropped
         ([[1000.0, 2000.0, 3000.0]], 1)
     """
-    scale, path, names = unit_scale(unit), Path(path), None if columns is None else named_columns(columns)
+    _check_unit(unit)
+    path, names = Path(path), None if columns is None else named_columns(columns)
     with as_point_file_error(path):
         raw = join(list(pieces(path, time_limit_s=time_limit_s, size=None, columns=names)))
         if len(raw.xyz) == 0:
             raise BadFile(nothing_valid(raw.dropped))
-        scan = in_millimetres(raw, path, unit, scale)
+        scan = in_millimetres(raw, path, unit)
         if len(scan.xyz_mm) == 0:
             raise BadFile(nothing_valid(scan.dropped))
     _warn(raw, path, unit)
@@ -100,7 +102,7 @@ def read_points(
 def iter_points(
     path: str | os.PathLike[str],
     *,
-    unit: str = "mm",
+    unit: str | None = "mm",
     columns: str | Sequence[str] | None = None,
     chunk: int = 1_000_000,
     time_limit_s: float | None = None,
@@ -127,12 +129,13 @@ def iter_points(
     """
     if chunk < 1:
         raise ValueError(f"chunk: expected 1 or more, got {chunk}")
-    scale, path, names = unit_scale(unit), Path(path), None if columns is None else named_columns(columns)
+    _check_unit(unit)
+    path, names = Path(path), None if columns is None else named_columns(columns)
     shift, before, dropped, said = None, None, 0, set()
     with as_point_file_error(path):
         for raw in pieces(path, time_limit_s=time_limit_s, size=chunk, columns=names):
             said |= _warn(raw, path, unit, said)
-            piece = in_millimetres(raw, path, unit, scale, shift)
+            piece = in_millimetres(raw, path, unit, shift)
             dropped += piece.dropped
             if len(piece.xyz_mm) == 0:
                 continue
@@ -155,10 +158,15 @@ def unit_scale(unit: str) -> float:
     return UNITS_MM[unit]
 
 
-def _warn(raw: RawCloud, path: Path, unit: str, said: Collection[str] = ()) -> set[str]:
+def _check_unit(unit: str | None) -> None:
+    if unit is not None:
+        unit_scale(unit)
+
+
+def _warn(raw: RawCloud, path: Path, unit: str | None, said: Collection[str] = ()) -> set[str]:
     """Say what was odd about a file, once; what was said."""
     notes = list(raw.notes)
-    if raw.unit not in (None, unit):
+    if None not in (raw.unit, unit) and raw.unit != unit:
         notes.append(f"it says itself that it is in {raw.unit}, and is read as {unit} as asked")
     for note in notes:
         if note not in said:
@@ -172,9 +180,11 @@ def nothing_valid(dropped: int) -> str:
 
 
 def in_millimetres(
-    raw: RawCloud, path: Path, unit: str, scale: float, shift_mm: Float[np.ndarray, "3"] | None = None
+    raw: RawCloud, path: Path, unit: str | None, shift_mm: Float[np.ndarray, "3"] | None = None
 ) -> PointFile:
     """Scale to mm, leave out what is no point, choose the shift where none is given."""
+    unit = unit or raw.unit or "mm"
+    scale = unit_scale(unit)
     with np.errstate(over="ignore", invalid="ignore"):
         xyz_mm = raw.xyz * scale
         valid = (np.abs(xyz_mm) < LARGEST_MM).all(axis=1)

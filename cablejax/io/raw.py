@@ -106,7 +106,8 @@ def colored(cloud: RawCloud, values: np.ndarray, *, shares: bool = False) -> Raw
     """
     if values.dtype in (np.uint8, np.uint16):
         return cloud._replace(color=values)
-    values = np.where(np.isfinite(cloud.xyz).all(axis=1)[:, None], np.asarray(values, np.float64), 0.0)
+    valid = np.isfinite(cloud.xyz).all(axis=1, keepdims=True)
+    values = np.where(valid, np.asarray(values, np.float64), 0.0)
     if not ((values >= -SHARE_SLACK) & (values <= 65535)).all():
         return cloud._replace(notes=(*cloud.notes, "its colours are left out: they hold numbers outside 0 to 65535"))
     if (values <= 1 + SHARE_SLACK).all() and (shares or bool((values % 1).any())):

@@ -19,7 +19,7 @@ from cablejax.io.raw import BadFile, PointFileError, RawCloud, one_short
 from cablejax.io.records import RecordBlock
 from cablejax.io.text import read_obj, read_pts, read_table
 
-PARSERS: dict[str, Callable[[bytes], RawCloud]] = {
+PARSERS: dict[str, Callable[..., RawCloud]] = {
     ".ply": ply.read_ply, ".pcd": pcd.read_pcd, ".pts": read_pts, ".ptx": read_ptx, ".obj": read_obj,
     ".xyz": read_table, ".txt": read_table, ".csv": read_table, ".asc": read_table, ".dat": read_table,
 }  # fmt: skip

@@ -232,7 +232,8 @@ def _layouts(rows: list[str]) -> list[tuple[str | None, list[str]]]:
 
 def _ended(rows: list[str], mark: str) -> list[tuple[str | None, list[str]]]:
     """Rows that all end with a delimiter, without it and with it; then rows of which some do."""
-    ways, bare = [(mark, rows)], rows
+    ways: list[tuple[str | None, list[str]]] = [(mark, rows)]
+    bare = rows
     while all(row.rstrip(BLANK).endswith(mark) for row in bare):
         bare = [row.rstrip(BLANK).removesuffix(mark) for row in bare]
     if bare is not rows:
