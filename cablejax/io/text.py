@@ -95,13 +95,22 @@ def _read_block(
         places = {name: index for index, name in enumerate(columns) if name}
         table = parse_rows(rows, usecols=sorted(places.values()), columns=len(columns))
         return pick(_renumbered(places), table)
+    failure = None
     for delimiter, cleaned in _layouts(rows):
         width = len(_cells(cleaned[0], delimiter))
-        for line in [header] if header is not None else comments[::-1]:
-            if found := column_names(line, width):
-                names, unit = found
-                table = parse_rows(cleaned, usecols=sorted(names.values()), columns=width, delimiters=(delimiter,))
-                return pick(_renumbered(names), table, unit=unit)
+        lines = [header] if header is not None else comments[::-1]
+        found = next(filter(None, (column_names(line, width) for line in lines)), None)
+        if found is None:
+            continue
+        names, unit = found
+        try:
+            table = parse_rows(cleaned, usecols=sorted(names.values()), columns=width, delimiters=(delimiter,))
+        except BadFile as error:
+            failure = failure or error
+            continue
+        return pick(_renumbered(names), table, unit=unit)
+    if failure is not None:
+        raise failure
     if header is not None:
         width = len(_cells(rows[0], delimiter_of(rows[0])))
         if any(column_names(header, n) for n in range(3, 65)):
