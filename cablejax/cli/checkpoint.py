@@ -35,7 +35,8 @@ def read_run(folder: str, *, trained: str, by: str, holds: str) -> dict[str, Any
         found = read_json(record)
     except (OSError, ValueError):
         raise NoResultError(f"--checkpoint {folder}: its run.json is damaged or cannot be read") from None
-    if holds not in found.get("metrics", {}):
+    metrics = found.get("metrics") if isinstance(found, dict) else None
+    if not isinstance(metrics, dict) or holds not in metrics:
         raise NoResultError(f"--checkpoint {folder}: this run trained no {trained}; give one of {by}")
     return found
 

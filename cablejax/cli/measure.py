@@ -50,8 +50,7 @@ def _one(options: argparse.Namespace) -> dict[str, Any]:
             xyz_mm=scan.xyz_mm,
             parts=parts,
         )
-        save_bytes(options.report, html.encode(errors="backslashreplace"))  # names may be no text
-        say(options, f"report: {options.report}")
+        _save_report(options, html)
     judged = None
     if options.tolerance is not None:
         low, high = options.tolerance
@@ -65,6 +64,11 @@ def _one(options: argparse.Namespace) -> dict[str, Any]:
         "tolerance_mm": options.tolerance,
         "conformity": judged,
     }
+
+
+def _save_report(options: argparse.Namespace, html: str) -> None:
+    save_bytes(options.report, html.encode(errors="backslashreplace"))  # file names may be no text
+    say(options, f"report: {options.report}")
 
 
 def _interval(interval: list[float] | None, digits: str = ".3f") -> str:

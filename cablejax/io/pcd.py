@@ -148,10 +148,11 @@ def _unique_fields(names: list[str], cells: list[str], repeats: list[int]) -> li
 
 def _ascii(data: bytes, header: Header) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
     """The columns of text, as real numbers, and what is to be said of them."""
-    lines = [line for line in split_lines(data.rstrip(b"\0\x1a").decode("latin-1")) if line.strip()]
+    text = data.rstrip(b"\0\x1a").decode("latin-1")
+    lines = [line for line in split_lines(text) if line.strip()]
     if len(lines) > header.n:
         raise BadFile(f"holds {len(lines):,} points, more than the {header.n:,} of its header")
-    notes = one_short(len(lines), header.n) if len(lines) < header.n else ()
+    notes = one_short(len(lines), header.n, ended=text.endswith(("\n", "\r"))) if len(lines) < header.n else ()
     widths = [int(np.prod(header.dtype[name].shape)) for name in header.dtype.names or ()]
     table = parse_rows(lines, columns=sum(widths)) if lines else np.zeros((0, sum(widths)))
     columns, at = {}, 0

@@ -187,7 +187,7 @@ def _ascii_vertices(data: bytes, header: Header) -> tuple[dict[str, np.ndarray],
     start = sum(element.n for element in header.elements[:at])
     block, notes = lines[start : start + vertex.n], ()
     if len(block) < vertex.n:
-        notes = one_short(len(block), vertex.n)
+        notes = one_short(len(block), vertex.n, ended=text.endswith(("\n", "\r")))
     if at == len(header.elements) - 1 and len(lines) > start + vertex.n:
         raise BadFile(f"holds more lines than the {vertex.n:,} points of its header")
     if not block:

@@ -14,14 +14,15 @@ def read_ptx(data: bytes) -> RawCloud:
     Raises:
         BadFile: If a header is damaged, its pose is no rotation, or a scan is shorter or longer than its grid.
     """
-    lines = [line for line in text_lines(data) if line.strip(BLANK) and not line.lstrip().startswith(COMMENTS)]
+    every = text_lines(data)
+    lines = [line for line in every if line.strip(BLANK) and not line.lstrip().startswith(COMMENTS)]
     clouds, notes, at = [], (), 0
     while at < len(lines):
         count = whole_number(lines[at], "columns") * whole_number(lines[at + 1] if at + 1 < len(lines) else "", "rows")
         pose = _pose(lines[at + 6 : at + HEADER_LINES])
         block = lines[at + HEADER_LINES : at + HEADER_LINES + count]
         if len(block) < count:
-            notes = one_short(len(block), count, what="a scan")
+            notes = one_short(len(block), count, what="a scan", ended=not every[-1].strip(BLANK))
         if block:
             clouds.append(_scan(parse_rows(block), pose))
         at += HEADER_LINES + count

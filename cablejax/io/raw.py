@@ -56,13 +56,19 @@ def truncated(held: int, promised: int, what: str = "its header") -> BadFile:
     return BadFile(f"is truncated: {what} promises {promised:,} points, {held:,} are there")
 
 
-def one_short(held: int, promised: int, *, what: str = "its header") -> tuple[str, ...]:
+def one_short(held: int, promised: int, *, what: str = "its header", ended: bool = True) -> tuple[str, ...]:
     """What to say of a file that lacks its last point alone: some writers count one too many.
 
+    Args:
+        held: Points that are there.
+        promised: Points that should be there.
+        what: Who promises them.
+        ended: Whether the last one there is whole for certain: in text, a line end follows it.
+
     Raises:
-        BadFile: If it lacks more, which only a truncated file does.
+        BadFile: If it lacks more, or breaks off, which only a truncated file does.
     """
-    if held < max(promised - 1, 1):
+    if held < max(promised - 1, 1) or not ended:
         raise truncated(held, promised, what)
     return (f"{what} promises {promised:,} points, {held:,} are there and were read",)
 

@@ -46,7 +46,7 @@ def read_table(data: bytes, columns: Sequence[str] | None = None, *, intensity_f
             header = rows.pop(place)
     if not rows:
         raise BadFile("holds no point")
-    blocks, notes = _blocks(rows) if _is_count(rows[0]) else ([rows], ())
+    blocks, notes = _blocks(rows, ended=not every[-1].strip(BLANK)) if _is_count(rows[0]) else ([rows], ())
     where = "" if header is None else f"line {every.index(header) + 1}"
     clouds = [_read_block(block, header, where, comments, columns, intensity_first) for block in blocks]
     return join([*clouds, RawCloud(np.zeros((0, 3)), notes=notes)])
@@ -127,14 +127,14 @@ def _renumbered(places: dict[str, int]) -> dict[str, int]:
     return {name: order[index] for name, index in places.items()}
 
 
-def _blocks(rows: list[str]) -> tuple[list[list[str]], tuple[str, ...]]:
+def _blocks(rows: list[str], *, ended: bool) -> tuple[list[list[str]], tuple[str, ...]]:
     """Rows by the counts that stand before them, and what is to be said about the last block."""
     blocks, notes, at = [], (), 0
     while at < len(rows):
         count = whole_number(rows[at], "points")
         block = rows[at + 1 : at + 1 + count]
         if len(block) < count:
-            notes = one_short(len(block), count, what="a block")
+            notes = one_short(len(block), count, what="a block", ended=ended)
         if block:
             blocks.append(block)
         at += 1 + count
