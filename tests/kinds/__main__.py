@@ -1,6 +1,6 @@
 """Faults of whole kinds, each a module of cases; run them all and count.
 
-    python -m tests.kinds
+python -m tests.kinds
 """
 
 import sys
@@ -30,7 +30,8 @@ def main() -> int:
     for path in sorted(HERE.glob("test_*.py")):
         numbers = {outcome: counted.outcomes[path.stem, outcome] for outcome in ("passed", "failed", "skipped")}
         first = path.read_text(encoding="utf-8").split('"""')[1].splitlines()[0]
-        print(f"{path.stem.removeprefix('test_'):<12} {', '.join(f'{n} {o}' for o, n in numbers.items() if n)}: {first}")
+        told = ", ".join(f"{number} {outcome}" for outcome, number in numbers.items() if number)
+        sys.stdout.write(f"{path.stem.removeprefix('test_'):<12} {told}: {first}\n")
     return int(code)
 
 
