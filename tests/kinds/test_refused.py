@@ -9,7 +9,7 @@ import pytest
 from cablejax.io import PointFileError, iter_points, read_points, write_points
 from tests.io.clouds import COLOR, INTENSITY, XYZ
 from tests.io.test_points import pcd, ply
-from tests.kinds.test_wrong_data import save, write_e57
+from tests.kinds.test_wrong_data import save
 
 POINTS = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.5], [-7.0, 8.0, 9.0]])
 ROWS = "1 2 3\n4 5 6.5\n-7 8 9\n"
@@ -214,28 +214,6 @@ def test_a_bad_colour_costs_no_coordinate(tmp_path, kind, color):
         scan = read_points(save(tmp_path, name, make(color)))
     assert np.array_equal(scan.xyz_mm, POINTS)
     assert scan.color is None
-
-
-def test_a_bad_colour_of_an_e57_costs_no_coordinate(tmp_path):
-    color = {f"color{name}": np.array([1.0, 2, 3]) for name in ("Red", "Green", "Blue")}
-    path = write_e57(tmp_path / "a.e57", POINTS, fields=color)
-    assert len(read_points(path, unit="m").xyz_mm) == 3
-    from cablejax.io import child
-
-    class Node:
-        def isDefined(self, name):
-            return True
-
-        def __getitem__(self, name):
-            return self
-
-        def value(self):
-            return 1.0
-
-    header = type("Header", (), {"node": Node()})()
-    found, notes = child._e57_color(np.array([[0.0, 0.5, 2.0]]), header)
-    assert found is None
-    assert notes == ["its colours are left out: they hold numbers outside their limits of 0 to 1"]
 
 
 # --- a last point that is missing ---
