@@ -20,6 +20,7 @@ SKIPPED = ("index", "id", "time", "row", "column", "nx", "ny", "nz", "class", "s
 UNIT_IN_NAME = re.compile(r"(.*?)(?:[_.\s-]+|\s*(?<=\w)[\[(]\s*)(um|µm|mm|cm|dm|m|km|in|ft)\s*[\])]?")
 BRACKET = re.compile(r"(?<=[\w\"'])\s*[\[(][^\])]*[\])]")
 HOW = "say which columns are which, such as --columns index,x,y,z (read_points: columns=)"
+LONGEST_NAMES = 4096  # characters of a row of names
 RISING_ROWS = 5  # so few rows may rise by chance
 FLAG_ROWS, LARGEST_FLAG = 20, 7  # so many rows of nothing but such small numbers are classes or returns, not colours
 UNIT_NORMAL = 1e-2
@@ -56,6 +57,8 @@ def column_names(line: str, width: int) -> tuple[dict[str, int], str | None] | N
         >>> column_names("# X [mm], Y [mm], Z [mm]", 3)
         ({'x': 0, 'y': 1, 'z': 2}, 'mm')
     """
+    if len(line) > LONGEST_NAMES:
+        return None
     line = line.strip(" \r\n").lstrip("#/%").strip(" ")
     bare = BRACKET.sub("", line)
     mark = next((mark for mark in (";", ",", "\t") if mark in bare), None)

@@ -7,7 +7,7 @@ import numpy as np
 from cablejax.io.ply import INTENSITY_NAMES
 from cablejax.io.raw import BadFile, RawCloud, colored, one_short
 from cablejax.io.records import RecordBlock
-from cablejax.io.text import parse_rows, split_lines
+from cablejax.io.rows import parse_rows, split_lines
 
 KINDS = {("F", 4): "<f4", ("F", 8): "<f8", ("I", 1): "i1", ("I", 2): "<i2", ("I", 4): "<i4", ("I", 8): "<i8",
          ("U", 1): "u1", ("U", 2): "<u2", ("U", 4): "<u4", ("U", 8): "<u8"}  # fmt: skip

@@ -6,7 +6,7 @@ import numpy as np
 
 from cablejax.io.raw import BadFile, RawCloud, colored, one_short
 from cablejax.io.records import RecordBlock, varying_records
-from cablejax.io.text import parse_rows, split_lines
+from cablejax.io.rows import is_count, parse_rows, split_lines
 
 TYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
@@ -210,7 +210,7 @@ def _without_lists(line: str, fields: list[Field]) -> str:
         if field.length is None:
             kept += words[at : at + 1]
             at += 1
-        elif at < len(words) and words[at].isdecimal():
+        elif at < len(words) and is_count(words[at]):
             at += 1 + int(words[at])
         else:
             raise BadFile(f"is damaged: expected the length of the list {field.name} in {line[:40]!r}")

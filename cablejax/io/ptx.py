@@ -3,7 +3,8 @@
 import numpy as np
 
 from cablejax.io.raw import BadFile, RawCloud, check_rotation, colored, join, one_short
-from cablejax.io.text import BLANK, COMMENTS, parse_rows, text_lines, whole_number
+from cablejax.io.rows import BLANK, COMMENTS, parse_rows, text_lines
+from cablejax.io.text import whole_number
 
 HEADER_LINES = 10
 

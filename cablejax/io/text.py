@@ -1,22 +1,14 @@
-"""Clouds as text: tables of columns (XYZ, TXT, CSV, PTS), OBJ vertices, and the row parser that other formats share."""
+"""Clouds as text: tables of columns (XYZ, TXT, CSV, PTS) and OBJ vertices."""
 
-import csv
-import re
 from collections.abc import Sequence
 
 import numpy as np
 
 from cablejax.io.columns import HOW, assign_columns, column_names, pick
 from cablejax.io.raw import BadFile, RawCloud, colored, join, one_short
+from cablejax.io.rows import BLANK, COMMENTS, cells_of, delimiter_of, is_count, is_data, layouts, parse_rows, text_lines
 
-COMMENTS = ("#", "//", "%")
-BLANK = " \r\n"
-NUMBER = re.compile(r"[+-]?((\d+\.?\d*|\.\d+)(e[+-]?\d+)?|nan|inf(inity)?)", re.IGNORECASE)
-DECIMAL_COMMA = re.compile(r"[+-]?(\d+|\d*,\d+)(e[+-]?\d+)?", re.IGNORECASE)
-TRAILING_COMMENT = re.compile(r"\s(#|//|%).*$")
-# What the C library of Microsoft prints: 1.#QNAN, -1.#IND00, 1.#INF, -nan(ind), nan(snan).
-MICROSOFT = re.compile(r"[+-]?\d\.#(QNAN|SNAN|IND|INF|J)\w*|[+-]?nan\((ind|snan)\)", re.IGNORECASE)
-MISSING = ("", '""', "na", "n/a", "null", "none", "-")
+MOST_COLUMNS = 64
 
 
 def read_table(data: bytes, columns: Sequence[str] | None = None, *, intensity_first: bool = False) -> RawCloud:
@@ -42,12 +34,12 @@ def read_table(data: bytes, columns: Sequence[str] | None = None, *, intensity_f
     comments = [line for line in lines[: first + 3] if line.lstrip().startswith(COMMENTS)]
     header = None
     for place in (0, 1):  # before the first count, or behind it
-        if header is None and place < len(rows) and not _is_data(rows[place]) and (place == 0 or _is_count(rows[0])):
+        if header is None and place < len(rows) and not is_data(rows[place]) and (place == 0 or is_count(rows[0])):
             header = rows.pop(place)
-    if not rows:
-        raise BadFile("holds no point")
-    blocks, notes = _blocks(rows, ended=not every[-1].strip(BLANK)) if _is_count(rows[0]) else ([rows], ())
     where = "" if header is None else f"line {every.index(header) + 1}"
+    if not rows:
+        raise _misread(header or "", where, None)
+    blocks, notes = _blocks(rows, ended=not every[-1].strip(BLANK)) if is_count(rows[0]) else ([rows], ())
     clouds = [_read_block(block, header, where, comments, columns, intensity_first) for block in blocks]
     return join([*clouds, RawCloud(np.zeros((0, 3)), notes=notes)])
 
@@ -96,8 +88,8 @@ def _read_block(
         table = parse_rows(rows, usecols=sorted(places.values()), columns=len(columns))
         return pick(_renumbered(places), table)
     failure = None
-    for delimiter, cleaned in _layouts(rows):
-        width = len(_cells(cleaned[0], delimiter))
+    for delimiter, cleaned in layouts(rows):
+        width = len(cells_of(cleaned[0], delimiter))
         lines = [header] if header is not None else comments[::-1]
         found = next(filter(None, (column_names(line, width) for line in lines)), None)
         if found is None:
@@ -112,13 +104,18 @@ def _read_block(
     if failure is not None:
         raise failure
     if header is not None:
-        width = len(_cells(rows[0], delimiter_of(rows[0])))
-        if any(column_names(header, n) for n in range(3, 65)):
-            raise BadFile(f"names another number of columns than the {width} that its rows have: {HOW}")
-        raise BadFile(
-            f"is no point cloud: {where} holds neither numbers nor column names x, y, z: {header.strip()[:50]!r}"
-        )
+        raise _misread(header, where, len(cells_of(rows[0], delimiter_of(rows[0]))))
     return assign_columns(parse_rows(rows), intensity_first=i_first)
+
+
+def _misread(header: str, where: str, width: int | None) -> BadFile:
+    """Why a row that holds no numbers is no header of the rows behind it, of which `width` is None if there are none."""
+    if not any(column_names(header, n) for n in range(3, MOST_COLUMNS)):
+        start = header.strip()[:50]
+        return BadFile(f"is no point cloud: {where} holds neither numbers nor column names x, y, z: {start!r}")
+    if width is None:
+        return BadFile("holds no point")
+    return BadFile(f"names another number of columns than the {width} that its rows have: {HOW}")
 
 
 def _renumbered(places: dict[str, int]) -> dict[str, int]:
@@ -143,160 +140,12 @@ def _blocks(rows: list[str], *, ended: bool) -> tuple[list[list[str]], tuple[str
     return blocks, notes
 
 
-def text_lines(data: bytes) -> list[str]:
-    """Decode text; a cloud written with any ASCII-compatible encoding will do.
-
-    Raises:
-        BadFile: If the bytes are no text.
-    """
-    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
-        return split_lines(data.decode("utf-16", errors="replace"))
-    data = data.rstrip(b"\0\x1a")  # padding to a block of the disk, the end mark of CP/M
-    if b"\0" in data:
-        raise BadFile("is no text file: it holds binary data")
-    return split_lines(data.removeprefix(b"\xef\xbb\xbf").decode("latin-1"))
-
-
-def split_lines(text: str) -> list[str]:
-    """Lines of text with any kind of line end.
-
-    `str.splitlines` would also break at other control characters, among them a byte of letters such as the UTF-8 of Å.
-    """
-    return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
-
-
 def whole_number(line: str, what: str) -> int:
     """A line that holds one whole number.
 
     Raises:
         BadFile: If it holds anything else.
     """
-    if not _is_count(line):
+    if not is_count(line):
         raise BadFile(f"is damaged: expected a number of {what}, got {line.strip()[:40]!r}")
     return int(line)
-
-
-def delimiter_of(line: str) -> str | None:
-    """Semicolon, comma or tab where the row holds one, None for blanks; commas may be decimal in a row of blanks."""
-    words = line.split()
-    if ";" not in line and "," in line and len(words) >= 3 and all(map(DECIMAL_COMMA.fullmatch, words)):
-        return None
-    return next((mark for mark in (";", ",", "\t") if mark in line.strip(BLANK)), None)
-
-
-def parse_rows(
-    lines: Sequence[str],
-    *,
-    columns: int | None = None,
-    usecols: Sequence[int] | None = None,
-    delimiters: Sequence[str | None] | None = None,
-) -> np.ndarray:
-    """Parse rows of numbers of equal length.
-
-    Empty cells, the usual words for a missing value and the Microsoft spellings of NaN become NaN.
-
-    Args:
-        lines: The rows; blank ones and comments are skipped.
-        columns: How many cells a row must hold; any number from 3 on where it is None.
-        usecols: Which columns to read; the others may hold anything.
-        delimiters: What may part the cells, in this order; found out where it is None.
-
-    Returns:
-        The numbers `[n, columns]`, or `[n, len(usecols)]`, float64.
-
-    Raises:
-        BadFile: If a cell is no number or a row is shorter or longer than the first, naming the row.
-    """
-    lines = [line for line in lines if line.strip(BLANK) and not line.lstrip().startswith(COMMENTS)]
-    if not lines:
-        raise BadFile("holds no point")
-    layouts = _layouts(lines) if delimiters is None else [(mark, list(lines)) for mark in delimiters]
-    failure = None
-    for delimiter, rows in layouts:
-        try:
-            table = _parse(rows, delimiter, usecols, columns)
-        except (ValueError, IndexError, OverflowError) as error:
-            failure = failure or error
-            continue
-        width = table.shape[1]
-        if usecols is None and (width < 3 or width != (columns or width)):
-            failure = failure or ValueError(f"has {width} numbers a row, expected {columns or 'at least 3'}")
-            continue
-        return table
-    text = str(failure).split(";")[0].rstrip(".")
-    raise BadFile(text if text.startswith("has ") else f"is damaged or no point cloud: {text}") from failure
-
-
-def _layouts(rows: list[str]) -> list[tuple[str | None, list[str]]]:
-    """The ways to cut rows into cells, likeliest first: delimiter and rows, each with and without empty last columns."""
-    mark = delimiter_of(rows[0])
-    if mark == "\t":
-        return [(None, rows), *_ended(rows, "\t")]
-    if mark is None:
-        return [(None, [row.replace(",", ".") for row in rows] if "," in rows[0] else rows)]
-    if mark == ";" and any("," in row for row in rows):
-        rows = [row.replace(",", ".") for row in rows]
-    return _ended(rows, mark)
-
-
-def _ended(rows: list[str], mark: str) -> list[tuple[str | None, list[str]]]:
-    """Rows that all end with a delimiter, without it and with it; then rows of which some do."""
-    ways: list[tuple[str | None, list[str]]] = [(mark, rows)]
-    bare = rows
-    while all(row.rstrip(BLANK).endswith(mark) for row in bare):
-        bare = [row.rstrip(BLANK).removesuffix(mark) for row in bare]
-    if bare is not rows:
-        ways.insert(0, (mark, bare))
-    elif len({row.count(mark) for row in rows}) > 1 and any(row.rstrip(BLANK).endswith(mark) for row in rows):
-        ways.append((mark, [row.rstrip(BLANK).removesuffix(mark) for row in rows]))
-    return ways
-
-
-def _parse(rows: list[str], delimiter: str | None, usecols: Sequence[int] | None, columns: int | None) -> np.ndarray:
-    """Numbers by NumPy; what it refuses once more with missing values spelt its way."""
-    options = {"delimiter": delimiter, "comments": None, "quotechar": '"', "ndmin": 2}
-    try:
-        table = np.loadtxt(rows, **options)
-    except (ValueError, OverflowError):
-        rows = [_repaired(row, delimiter) for row in rows]
-        if usecols is None:
-            return np.loadtxt(rows, **options)
-        widths = {len(cells) for cells in _all_cells(rows, delimiter)}
-        if widths != {columns or max(widths)}:
-            raise ValueError(f"has rows of {min(widths)} to {max(widths)} cells, expected {columns}") from None
-        return np.loadtxt(rows, usecols=usecols, **options)
-    if usecols is None:
-        return table
-    if columns is not None and table.shape[1] != columns:
-        raise ValueError(f"has {table.shape[1]} numbers a row, expected {columns}")
-    return table[:, list(usecols)]
-
-
-def _all_cells(rows: list[str], delimiter: str | None) -> list[list[str]]:
-    return [row.split() for row in rows] if delimiter is None else list(csv.reader(rows, delimiter=delimiter))
-
-
-def _repaired(row: str, delimiter: str | None) -> str:
-    """A row without a comment at its end, its missing values as nan."""
-    row = TRAILING_COMMENT.sub("", row)
-    row = MICROSOFT.sub(lambda found: "inf" if "INF" in found[0].upper() else "nan", row)
-    cells = row.strip(BLANK).split(delimiter) if delimiter else row.split()
-    return (delimiter or " ").join("nan" if cell.strip().lower() in MISSING else cell for cell in cells)
-
-
-def _cells(row: str, delimiter: str | None) -> list[str]:
-    (cells,) = _all_cells([row.strip(BLANK)], delimiter)
-    return cells
-
-
-def _is_count(line: str) -> bool:
-    """Whether a line holds one whole number."""
-    return line.strip().isdecimal() and line.strip().isascii()
-
-
-def _is_data(line: str) -> bool:
-    """Whether a line holds numbers or missing values and no words."""
-    row = _repaired(line, delimiter_of(line))
-    cells = _cells(row, delimiter_of(row))
-    cells = [cell.strip().strip('"').strip() for cell in cells]
-    return all(not cell or NUMBER.fullmatch(cell.replace(",", ".", 1)) for cell in cells)

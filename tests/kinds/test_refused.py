@@ -270,6 +270,13 @@ BROKEN = {
     "pcd/negative COUNT": ("a.pcd", pcd3(ROWS.encode(), extra="COUNT -1 1 1\n"), "damaged PCD header"),
     "pts/words within": ("a.pts", f"4\n{ROWS}one two three\n", "could not convert"),
     "csv/words within": ("a.csv", f"x y z\n{ROWS}one two three\n", "could not convert"),
+    "pts/a count of 5,000 digits": ("a.pts", "9" * 5000 + f"\n{ROWS}", "damaged"),
+    "ply/a list of 5,000 digits": ("a.ply", ply3(b"1 2 " + b"9" * 5000 + b" 3 9\n" * 3, properties=LIST), "promises 3|length"),
+    "xyz/a number of a million digits": ("a.xyz", "1" * 10**6 + "x 2 3\n", "holds neither numbers"),
+    "xyz/a name of underscores": ("a.xyz", "x y z" + "_" * 10**6 + f"\n{ROWS}", "holds neither numbers"),
+    "xyz/brackets that never close": ("a.xyz", "x[" * 10**5 + f"\n{ROWS}", "holds neither numbers"),
+    "csv/a quote that never ends": ("a.csv", 'x,y,z,"n\n1,2,3,"' + "a" * 200_000 + "\n", "damaged|columns"),
+    "csv/a cell beyond csv's limit": ("a.csv", "x,y,z,n\n1,2,3," + "a" * 200_000 + "\n", "field larger"),
     "csv/a row too short": ("a.csv", "x,y,z\n1,2,3\n4,5\n", "cells|columns"),
     "tabs/a row too short": ("a.txt", "x\ty\tz\n1\t2\t3\n4\t5\n", "cells|columns"),
 }  # fmt: skip
