@@ -32,19 +32,21 @@ def read(child, kind, path, answer, memory_bytes):
     child.main(kind, path, memory_bytes, 0, out)
     out.seek(0)
     points = dropped = 0
-    finite = True
+    finite, notes = True, []
     while True:
         frame = json.loads(out.readline())
         if "error" in frame:
             break
         dropped += frame["dropped"]
+        notes += frame["notes"]
         for name, (dtype, shape) in frame["arrays"].items():
             values = child.np.frombuffer(out.read(child.np.dtype(dtype).itemsize * int(child.np.prod(shape))), dtype)
             if name == "xyz":
                 points += shape[0]
                 finite &= bool(child.np.isfinite(values).all())
     with open(answer, "w") as file:
-        json.dump({"error": frame["error"], "points": points, "dropped": dropped, "finite": finite}, file)
+        found = {"points": points, "dropped": dropped, "finite": finite, "notes": notes}
+        json.dump({"error": frame["error"], **found}, file)
 
 
 def judge(child, kind, path, answer, seconds, memory_bytes):

@@ -4,8 +4,8 @@ Import the part you need: `cablejax.ops` (jit kernels), `cablejax.io` (scanner f
 `cablejax.registration`, `cablejax.measure`, `cablejax.nets`, `cablejax.train`.
 """
 
-from cablejax.types import PointCloud, Status, StatusError, describe, raise_on
+from cablejax.types import PointCloud, Status, StatusError, capacity_for, describe, raise_on
 
 __version__ = "0.1.0"
 
-__all__ = ["PointCloud", "Status", "StatusError", "describe", "raise_on"]
+__all__ = ["PointCloud", "Status", "StatusError", "capacity_for", "describe", "raise_on"]

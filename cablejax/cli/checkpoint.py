@@ -31,8 +31,12 @@ def read_run(folder: str, *, trained: str, by: str, holds: str) -> dict[str, Any
     record = Path(folder) / "run.json"
     if not record.is_file():
         raise NoResultError(f"--checkpoint {folder}: no run.json; give the folder of a finished run of {by}")
-    found = read_json(record)
-    if holds not in found.get("metrics", {}):
+    try:
+        found = read_json(record)
+    except (OSError, ValueError):
+        raise NoResultError(f"--checkpoint {folder}: its run.json is damaged or cannot be read") from None
+    metrics = found.get("metrics") if isinstance(found, dict) else None
+    if not isinstance(metrics, dict) or holds not in metrics:
         raise NoResultError(f"--checkpoint {folder}: this run trained no {trained}; give one of {by}")
     return found
 

@@ -1,12 +1,12 @@
 """`cablejax denoise`: outliers out, the rest smoothed, the cloud written; large files tile by tile."""
 
 import argparse
-import sys
 from pathlib import Path
 from typing import Any
 
 from cablejax.cli.main import NoResultError
 from cablejax.cli.scans import WRITABLE, check_output, load, rows, save, say
+from cablejax.cli.streams import tell
 
 LARGE = 1 << 28  # bytes of a file from which on it is cleaned in tiles unasked
 TILE_POINTS = 1 << 18
@@ -65,23 +65,24 @@ def _tiled(options: argparse.Namespace, tile_points: int) -> dict[str, Any]:
     from cablejax.tiles import Settings, denoise_file
 
     if options.unit is None:
-        sys.stderr.write("cablejax: warning: no --unit given, the file is taken to be in mm\n")
+        tell("cablejax: warning: no --unit given, the file is taken to be in mm")
     settings = Settings(
         std_ratio=options.std_ratio, k=options.neighbors, order=options.order, smooth=not options.no_filter
     )
     try:
         result = denoise_file(
-            options.scan, options.output, settings=settings, unit=options.unit or "mm", tile_points=tile_points,
-            chunk=CHUNK, progress=lambda stage, done, total: say(options, f"{stage}: {done:,} of {total:,}"),
+            options.scan, options.output, settings=settings, unit=options.unit or "mm", columns=options.columns,
+            tile_points=tile_points, chunk=CHUNK,
+            progress=lambda stage, done, total: say(options, f"{stage}: {done:,} of {total:,}"),
         )  # fmt: skip
     except (PointFileError, ValueError) as error:
         raise NoResultError(str(error)) from None
     except OSError as error:
         raise NoResultError(f"{options.output}: cannot work beside it ({error.strerror})") from None
     if result.cut:
-        sys.stderr.write(
+        tell(
             f"cablejax: warning: {result.cut:,} points depend on others beyond the halo of their tile "
-            f"({result.halo_mm:.3g} mm) and may differ from those of the whole cloud; a larger --tile has none\n"
+            f"({result.halo_mm:.3g} mm) and may differ from those of the whole cloud; a larger --tile has none"
         )
     return {
         "file": options.scan,

@@ -3,10 +3,10 @@
 import argparse
 import importlib
 import json
-import os
-import sys
 import warnings
 from collections.abc import Sequence
+
+from cablejax.cli.streams import put_out, settle_streams, tell
 
 EXIT_OK, EXIT_NO_RESULT, EXIT_USAGE = 0, 1, 2
 INTERRUPTED = 130
@@ -36,6 +36,13 @@ def _scan_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--unit", choices=UNITS, help="unit of the file's coordinates (default: mm or m by the extent, with a warning)"
+    )
+    _columns(parser)
+
+
+def _columns(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--columns", metavar="NAMES", help="what the columns of a text table are, such as index,x,y,z,intensity"
     )
 
 
@@ -133,6 +140,7 @@ def _register(sub: argparse._SubParsersAction) -> None:
     )
     parser.add_argument("scans", nargs="+", metavar="scan", help="point files, two or more; the last one stays")
     parser.add_argument("--unit", choices=UNITS, help="unit of all files (default: mm, with a warning)")
+    _columns(parser)
     parser.add_argument(
         "--output", metavar="FILE", help="write the moved source, or all scans together if more than two"
     )
@@ -210,11 +218,7 @@ def build_parser() -> argparse.ArgumentParser:
 
 
 def _warn_plainly(message, category, filename, lineno, file=None, line=None) -> None:
-    sys.stderr.write(f"cablejax: warning: {message}\n")
-
-
-def _dump(result: dict) -> None:
-    sys.stdout.write(json.dumps(result, indent=2, allow_nan=False) + "\n")
+    tell(f"cablejax: warning: {message}")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -222,20 +226,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     Errors that a user can do something about are one line on stderr; a traceback means a defect of this program.
     """
-    options = build_parser().parse_args(arguments)
+    settle_streams()
+    try:
+        options = build_parser().parse_args(arguments)
+    except SystemExit as usage:  # after --help or --version, too, the disk may be full
+        raise SystemExit(usage.code if usage.code or put_out() else EXIT_NO_RESULT) from None
     module = importlib.import_module(f"cablejax.cli.{options.command}")
     with warnings.catch_warnings():
         warnings.showwarning = _warn_plainly
         try:
             result = module.run(options)
-            _dump(result) if options.json else sys.stdout.write(module.table(result) + "\n")
-            sys.stdout.flush()
+            text = json.dumps(result, indent=2, allow_nan=False) if options.json else module.table(result)
+            return EXIT_OK if put_out(text) else EXIT_NO_RESULT
         except NoResultError as error:
-            sys.stderr.write(f"cablejax: {error}\n")
-            return EXIT_NO_RESULT
+            tell(f"cablejax: {error}")
         except KeyboardInterrupt:
-            sys.stderr.write("cablejax: interrupted\n")
+            tell("cablejax: interrupted")
             return INTERRUPTED
-        except BrokenPipeError:  # the reader of stdout has gone: nothing is left to say
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    return EXIT_OK
+        except OSError as error:
+            tell(f"cablejax: {error.filename or 'the system'}: {error.strerror or error}")
+    return EXIT_NO_RESULT

@@ -8,7 +8,7 @@ from typing import Any
 from cablejax.cli import batch, known
 from cablejax.cli.checkpoint import parts_of
 from cablejax.cli.main import NoResultError
-from cablejax.cli.scans import check_output, load, rows, say
+from cablejax.cli.scans import check_output, load, make_folder, rows, save_bytes, say
 
 
 def run(options: argparse.Namespace) -> dict[str, Any]:
@@ -27,7 +27,7 @@ def _one(options: argparse.Namespace) -> dict[str, Any]:
             f"--tolerance: expected LOW below HIGH, got {options.tolerance[0]:g} {options.tolerance[1]:g}"
         )
     if options.report is not None:
-        Path(options.report).parent.mkdir(parents=True, exist_ok=True)
+        make_folder(Path(options.report).parent)
         check_output(options.report, (".html", ".htm"))
     sizes, settings = known.sizes(options.catalogue), known.settings(options)
     scan = load(options, options.scan)
@@ -50,8 +50,7 @@ def _one(options: argparse.Namespace) -> dict[str, Any]:
             xyz_mm=scan.xyz_mm,
             parts=parts,
         )
-        Path(options.report).write_text(html, encoding="utf-8")
-        say(options, f"report: {options.report}")
+        _save_report(options, html)
     judged = None
     if options.tolerance is not None:
         low, high = options.tolerance
@@ -65,6 +64,11 @@ def _one(options: argparse.Namespace) -> dict[str, Any]:
         "tolerance_mm": options.tolerance,
         "conformity": judged,
     }
+
+
+def _save_report(options: argparse.Namespace, html: str) -> None:
+    save_bytes(options.report, html.encode(errors="backslashreplace"))  # file names may be no text
+    say(options, f"report: {options.report}")
 
 
 def _interval(interval: list[float] | None, digits: str = ".3f") -> str:

@@ -1,12 +1,12 @@
 """Reading a scan for a command: progress on stderr, the unit, errors in one line."""
 
 import argparse
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cablejax.cli.main import NoResultError
+from cablejax.cli.streams import tell
 
 if TYPE_CHECKING:
     from cablejax.io import PointFile
@@ -18,34 +18,39 @@ LEAST_MM = 30.0  # no scan of a cable is shorter than its own thickness
 def say(options: argparse.Namespace, text: str) -> None:
     """A line of progress on stderr, unless `--quiet`."""
     if not options.quiet:
-        sys.stderr.write(f"{text}\n")
-        sys.stderr.flush()
+        tell(text)
 
 
 def load(options: argparse.Namespace, path: str) -> "PointFile":
-    """Read a scan in the unit given; if none was, in mm, or in m where that would be less than `LEAST_MM`, with a warning.
+    """Read a scan in the unit given; if none was, in the file's own, else in mm, or in m where that would be less than
+    `LEAST_MM`, with a warning.
 
     Raises:
         NoResultError: If the file gives no cloud.
     """
-    from cablejax.io import PointFileError, read_points
-
     say(options, f"reading {path}")
-    try:
-        scan = read_points(path, unit=options.unit or "mm")
-    except PointFileError as error:
-        raise NoResultError(str(error)) from None
-    if options.unit is None:
+    scan = _read(options, path, options.unit)
+    if options.unit is None and scan.stated_unit is None:
         extent = float((scan.xyz_mm.max(axis=0) - scan.xyz_mm.min(axis=0)).max())
         unit = "m" if 0 < extent < LEAST_MM else "mm"
         if unit == "m":
-            scan = read_points(path, unit="m")
+            scan = _read(options, path, "m")
         why = f"its longest side is {extent:.3g}"
-        sys.stderr.write(f"cablejax: warning: no --unit given, the file is taken to be in {unit}: {why}\n")
+        tell(f"cablejax: warning: no --unit given, the file is taken to be in {unit}: {why}")
     scan = _without_misses(options, scan)
     if scan.dropped:
         say(options, f"{scan.dropped:,} invalid returns left out, {len(scan.xyz_mm):,} points kept")
     return scan
+
+
+def _read(options: argparse.Namespace, path: str, unit: str | None) -> "PointFile":
+    """Read a file; without a unit in the one that it states, or in mm."""
+    from cablejax.io import PointFileError, read_points
+
+    try:
+        return read_points(path, unit=unit, columns=options.columns)
+    except (PointFileError, ValueError) as error:
+        raise NoResultError(str(error).replace("columns: ", "--columns: ", 1)) from None
 
 
 def _without_misses(options: argparse.Namespace, scan: "PointFile") -> "PointFile":
@@ -76,8 +81,39 @@ def check_output(path: str, endings: tuple[str, ...]) -> None:
         raise NoResultError(f"{path}: is a folder, not a file")
     if target.suffix.lower() not in endings:
         raise NoResultError(f"{path}: expected one of the endings {', '.join(endings)}")
-    if not target.parent.exists():
-        raise NoResultError(f"{path}: the folder {target.parent} does not exist")
+    if target.exists() and not target.is_file():
+        raise NoResultError(f"{path}: is no regular file")
+    if not target.parent.is_dir():
+        why = "is no folder" if target.parent.exists() else "does not exist"
+        raise NoResultError(f"{path}: the folder {target.parent} {why}")
+
+
+def make_folder(path: Path) -> None:
+    """Make a folder for results, unless it is there.
+
+    Raises:
+        NoResultError: If it cannot be made.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        why = "is a file" if path.is_file() else error.strerror
+        raise NoResultError(f"{path}: cannot be a folder for results ({why})") from None
+
+
+def save_bytes(path: str, content: bytes) -> None:
+    """Write a report or a picture, whole or not at all.
+
+    Raises:
+        NoResultError: If it cannot be written.
+    """
+    from cablejax.io import atomic_write
+
+    try:
+        with atomic_write(path) as file:
+            file.write(content)
+    except OSError as error:
+        raise NoResultError(f"{path}: cannot be written ({error.strerror})") from None
 
 
 def save(path: str, xyz_mm, **fields) -> None:

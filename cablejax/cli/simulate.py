@@ -1,10 +1,11 @@
 """`cablejax simulate`: a scan of a catalogue cable with known truth."""
 
 import argparse
+import io
 from typing import Any
 
 from cablejax.cli.main import NoResultError
-from cablejax.cli.scans import WRITABLE, check_output, rows, save, say
+from cablejax.cli.scans import WRITABLE, check_output, rows, save, save_bytes, say
 
 
 def run(options: argparse.Namespace) -> dict[str, Any]:
@@ -82,7 +83,9 @@ def _draw(scan: Any, path: str) -> None:
         ylabel="mm off the true surface",
     )
     around.set_title(f"{scan.true_diameter_mm:.1f} mm wide, standard deviation {off.std():.3f} mm", fontsize=10)
-    figure.savefig(path, dpi=100)
+    image = io.BytesIO()
+    figure.savefig(image, dpi=100, format="png")
+    save_bytes(path, image.getvalue())
 
 
 def table(result: dict[str, Any]) -> str:

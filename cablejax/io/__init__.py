@@ -6,10 +6,12 @@ from cablejax.io.open3d_import import import_open3d
 from cablejax.io.points import PointFile, iter_points, read_points
 from cablejax.io.provenance import git_state, jsonable, provenance, read_json, write_json
 from cablejax.io.raw import PointFileError
+from cablejax.io.sources import ENDINGS as READABLE
 from cablejax.io.tensorboard import RunLogger
 from cablejax.io.write import PointWriter, write_points
 
 __all__ = [
+    "READABLE",
     "Checkpoint",
     "CorruptCheckpoint",
     "PointFile",

@@ -46,6 +46,8 @@ def atomic_write(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
     target = Path(os.path.realpath(path))
     part = target.with_name(f".{target.name}.{secrets.token_hex(4)}{PART_SUFFIX}")
     try:
+        if target.exists() and not target.is_file():  # a rename would put a file in the place of a device or a folder
+            raise OSError(errno.EISDIR if target.is_dir() else errno.EINVAL, "is no regular file", os.fspath(path))
         sweep(target)
         with part.open("x+b") as file:
             lock(file)

@@ -51,16 +51,24 @@ def las_chunks(path: str, size: int | None = None) -> Iterator[Chunk]:
         reader = laspy.LasReader(file, laz_backend=laspy.LazBackend.Lazrs, read_evlrs=False)
         header = reader.header
         promised, width = header.point_count, header.point_format.size
-        _check_las_count(file, header)
+        held = _check_las_count(file, header)
         if not (np.isfinite(header.scales).all() and np.isfinite(header.offsets).all() and np.all(header.scales != 0)):
             raise Damaged("has a damaged header: its scales or offsets are no numbers")
         names = set(header.point_format.dimension_names)
         read = 0
-        for points in reader.chunk_iterator(size or max(1, CHUNK_BYTES // max(width, 1))):
+        step = size or max(1, CHUNK_BYTES // max(width, 1))
+        while read < held and len(points := reader.read_points(min(step, held - read))):
             read += len(points)
             yield _las_chunk(points, names)
-        if read != promised:
+        if read != held:
             raise Damaged(f"is truncated: its header promises {promised:,} points, {read:,} are there")
+        if held < promised:
+            yield _note(f"its header promises {promised:,} points, {held:,} are there and were read")
+
+
+def _note(text: str) -> Chunk:
+    """A piece without points that has something to say."""
+    return {"xyz": np.zeros((0, 3)), "dropped": 0, "notes": [text]}
 
 
 def _check_las_header(file: BinaryIO) -> None:
@@ -72,19 +80,35 @@ def _check_las_header(file: BinaryIO) -> None:
     file.seek(0)
 
 
-def _check_las_count(file: BinaryIO, header: Any) -> None:
-    """Compare the number of points in the header with what the file can hold, or says elsewhere that it holds."""
+def _check_las_count(file: BinaryIO, header: Any) -> int:
+    """Compare the number of points in the header with what the file can hold, or says elsewhere that it holds.
+
+    Returns:
+        How many points to read: those promised, or one less where an uncompressed file just lacks its last.
+    """
     promised, width = header.point_count, header.point_format.size
     if header.are_points_compressed:
         _check_laz_count(file, header)
-        return
+        return promised
     ends = [os.fstat(file.fileno()).st_size, header.start_of_waveform_data_packet_record]
     ends += [header.start_of_first_evlr] if header.number_of_evlrs else []
-    held = (min(end for end in ends if end) - header.offset_to_point_data) // width
-    if held < promised:
+    held, rest = divmod(min(end for end in ends if end) - header.offset_to_point_data, width)
+    if held < promised and (rest or held < max(promised - 1, 1)):
         raise Damaged(f"is truncated: its header promises {promised:,} points, {max(0, held):,} are there")
-    if held > promised:
+    if held > promised and not _is_padding(file, header.offset_to_point_data + promised * width):
         raise Damaged(f"holds {held:,} points, more than the {promised:,} of its header")
+    return min(held, promised)
+
+
+def _is_padding(file: BinaryIO, start: int) -> bool:
+    """Whether nothing but zeros stands at the end of a file."""
+    back = file.tell()
+    file.seek(start)
+    empty = True
+    while empty and (data := file.read(CHUNK_BYTES)):
+        empty = not data.strip(b"\0")
+    file.seek(back)
+    return empty
 
 
 def _check_laz_count(file: BinaryIO, header: Any) -> None:
@@ -144,6 +168,8 @@ def _e57_scan(file: Any, header: Any, size: int) -> Iterator[Chunk]:
         raise Damaged("has a scan without coordinates")
     invalid = {"cartesianInvalidState", "sphericalInvalidState"} & available
     fields = [*axes, *invalid, *(COLORS if set(COLORS) <= available else ()), *({"intensity"} & available)]
+    if header.has_pose():
+        _check_rotation(header.rotation_matrix)
     promised, read = header.point_count, 0
     size = max(1, min(size, promised))
     buffers = libe57.VectorSourceDestBuffer()
@@ -160,28 +186,42 @@ def _e57_scan(file: Any, header: Any, size: int) -> Iterator[Chunk]:
         raise Damaged(f"is truncated: its header promises {promised:,} points, {read:,} are there")
 
 
+def _check_rotation(rotation: np.ndarray) -> None:
+    """Refuse a pose that does more than turn: its quaternion is not of length 1, and the points would go astray."""
+    off = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
+    if not off < 1e-3:
+        raise Damaged(f"has a scan whose pose is off a rotation by {off:.2g}, so that its points cannot be placed")
+
+
 def _e57_chunk(columns: dict[str, np.ndarray], axes: tuple[str, ...], invalid: set[str], header: Any) -> Chunk:
     keep = np.ones(len(columns[axes[0]]), bool)
     for name in invalid:
         keep &= columns[name] == 0
+    at_scanner = ~np.any([columns[name] for name in (axes if axes is CARTESIAN else axes[:1])], axis=0)
+    if np.count_nonzero(at_scanner & keep) > 1:  # beams without return, as some scanners write them
+        keep &= ~at_scanner
     a, b, c = (columns[name][keep] for name in axes)
     xyz = np.stack([a, b, c], axis=1)
     if axes is SPHERICAL:
         xyz = np.stack([a * np.cos(c) * np.cos(b), a * np.cos(c) * np.sin(b), a * np.sin(c)], axis=1)
     if header.has_pose():
         xyz = xyz @ header.rotation_matrix.T + header.translation
-    color = None
+    color, notes = None, []
     if set(COLORS) <= columns.keys():
-        color = _e57_color(np.stack([columns[name][keep] for name in COLORS], axis=1), header)
+        color, notes = _e57_color(np.stack([columns[name][keep] for name in COLORS], axis=1), header)
     intensity = columns["intensity"][keep].astype(np.float32) if "intensity" in columns else None
-    return {"xyz": xyz, "color": color, "intensity": intensity, "dropped": int((~keep).sum())}
+    return {"xyz": xyz, "color": color, "intensity": intensity, "dropped": int((~keep).sum()), "notes": notes}
 
 
 CHUNKS = {"las": las_chunks, "e57": e57_chunks}
 
 
-def _e57_color(values: np.ndarray, header: Any) -> np.ndarray:
-    """Colours as the limits in the scan's header say: shares of 1, 8 bits or 16 bits; 16 bits where it says nothing."""
+def _e57_color(values: np.ndarray, header: Any) -> tuple[np.ndarray | None, list[str]]:
+    """Colours as the limits in the scan's header say: shares of 1, 8 bits or 16 bits; 16 bits where it says nothing.
+
+    Returns:
+        The colours, or None and what is to be said where some are outside the limits.
+    """
     limits = header.node["colorLimits"] if header.node.isDefined("colorLimits") else None
     names = [f"{name}Maximum" for name in COLORS]
     known = [] if limits is None else [limits[name].value() for name in names if limits.isDefined(name)]
@@ -189,8 +229,8 @@ def _e57_color(values: np.ndarray, header: Any) -> np.ndarray:
     scale, kind = (255.0, np.uint8) if largest <= 1 else (1.0, np.uint8 if largest <= 255 else np.uint16)
     values = np.round(values * scale)
     if not ((values >= 0) & (values <= np.iinfo(kind).max)).all():
-        raise Damaged(f"holds colours outside its limits of 0 to {largest}")
-    return values.astype(kind)
+        return None, [f"its colours are left out: they hold numbers outside their limits of 0 to {largest:g}"]
+    return values.astype(kind), []
 
 
 def main(kind: str, path: str, memory_bytes: int, size: int, out: BinaryIO) -> None:
@@ -210,7 +250,8 @@ def send(out: BinaryIO, chunk: Chunk) -> None:
     """Write one piece: its description, then the bytes of its arrays."""
     arrays = {name: np.ascontiguousarray(value) for name, value in chunk.items() if isinstance(value, np.ndarray)}
     described = {name: [value.dtype.str, list(value.shape)] for name, value in arrays.items()}
-    out.write(json.dumps({"dropped": chunk["dropped"], "arrays": described}).encode() + b"\n")
+    head = {"dropped": chunk["dropped"], "notes": chunk.get("notes", []), "arrays": described}
+    out.write(json.dumps(head).encode() + b"\n")
     for value in arrays.values():
         out.write(value.tobytes())
     out.flush()

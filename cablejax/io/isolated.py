@@ -36,8 +36,18 @@ def read_isolated(kind: str, path: Path, *, time_limit_s: float, size: int | Non
     Raises:
         BadFile: If the file is damaged, the reader crashed or ran out of time, or its package is missing.
     """
-    # -P keeps this folder, whose modules have common names, off the child's path.
-    command = [sys.executable, "-P", child.__file__, kind, str(path.resolve()), str(_memory_limit()), str(size or 0)]
+    # -P keeps this folder, whose modules have common names, off the child's path; file names are UTF-8 in any locale.
+    command = [
+        sys.executable,
+        "-P",
+        "-X",
+        "utf8",
+        child.__file__,
+        kind,
+        str(path.resolve()),
+        str(_memory_limit()),
+        str(size or 0),
+    ]
     process = subprocess.Popen(
         command,
         env=os.environ | ONE_THREAD,
@@ -60,7 +70,8 @@ def read_isolated(kind: str, path: Path, *, time_limit_s: float, size: int | Non
                 if frame["error"] is not None:
                     raise BadFile(frame["error"])
                 return
-            yield RawCloud(frame["xyz"], frame.get("color"), frame.get("intensity"), frame["dropped"])
+            notes, unit = tuple(frame["notes"]), "m" if kind == "e57" else None
+            yield RawCloud(frame["xyz"], frame.get("color"), frame.get("intensity"), frame["dropped"], notes, unit)
     finally:
         process.kill()
         if process.stdout is not None:

@@ -5,9 +5,9 @@ from typing import NamedTuple
 import numpy as np
 
 from cablejax.io.ply import INTENSITY_NAMES
-from cablejax.io.raw import BadFile, RawCloud, as_color
+from cablejax.io.raw import BadFile, RawCloud, colored, one_short
 from cablejax.io.records import RecordBlock
-from cablejax.io.text import parse_rows, split_lines
+from cablejax.io.rows import parse_rows, split_lines
 
 KINDS = {("F", 4): "<f4", ("F", 8): "<f8", ("I", 1): "i1", ("I", 2): "<i2", ("I", 4): "<i4", ("I", 8): "<i8",
          ("U", 1): "u1", ("U", 2): "<u2", ("U", 4): "<u4", ("U", 8): "<u8"}  # fmt: skip
@@ -38,16 +38,19 @@ def parse_header(data: bytes) -> Header:
             raise BadFile("is no PCD file: its header has no DATA line")
         words = data[at:end].decode("latin-1").split()
         if words and not words[0].startswith("#"):
-            entries[words[0]] = words[1:]
+            entries[words[0].upper()] = words[1:]
         at = end + 1
     try:
         names = entries["FIELDS"] if "FIELDS" in entries else entries["COLUMNS"]
         sizes, kinds = map(int, entries["SIZE"]), entries["TYPE"]
         repeats = [int(word) for word in entries.get("COUNT", ["1"] * len(names))]
-        cells = [KINDS[kind, size] for kind, size in zip(kinds, sizes, strict=True)]
-        dtype = np.dtype(_unique_fields(names, cells, repeats))
+        cells = [KINDS.get((kind.upper(), size), f"V{size}") for kind, size in zip(kinds, sizes, strict=True)]
+        fields = _unique_fields(names, cells, repeats)
+        if any(cell[0] == "V" for name, cell, *_ in fields if not name.startswith(PADDING)):
+            raise ValueError("a field that is neither I, U nor F of 1, 2, 4 or 8 bytes")
+        dtype = np.dtype(fields)
         count = int(entries["POINTS"][0]) if "POINTS" in entries else _grid(entries)
-        header = Header(dtype, count, entries["DATA"][0], at)
+        header = Header(dtype, count, entries["DATA"][0].lower(), at)
         grid = _grid(entries) if {"WIDTH", "HEIGHT"} <= entries.keys() else count
     except (KeyError, IndexError, ValueError, TypeError, OverflowError) as error:
         raise BadFile(f"has a damaged PCD header ({type(error).__name__}: {str(error)[:60]})") from error
@@ -55,7 +58,7 @@ def parse_header(data: bytes) -> Header:
         raise BadFile("has a damaged PCD header: WIDTH x HEIGHT is not POINTS")
     if header.storage not in STORAGES:
         raise BadFile(f"stores its data as {header.storage!r}, expected one of {', '.join(STORAGES)}")
-    if not {"x", "y", "z"} <= set(names):
+    if not {"x", "y", "z"} <= {field[0] for field in fields}:
         raise BadFile(f"has no fields x, y and z: {names[:8]}")
     return header
 
@@ -67,10 +70,14 @@ def read_pcd(data: bytes) -> RawCloud:
         BadFile: If the file holds fewer points than its header promises, or more.
     """
     header = parse_header(data)
-    if header.storage == "binary":
-        return from_fields(_block(header).rows(data))
     body = data[header.size :]
-    return from_fields(_ascii(body, header) if header.storage == "ascii" else _compressed(body, header))
+    if header.storage == "ascii":
+        columns, notes = _ascii(body, header)
+        cloud = from_columns(columns, header.dtype)
+    else:
+        rows, notes = _block(header).rows(data) if header.storage == "binary" else (_compressed(body, header), ())
+        cloud = from_fields(rows)
+    return cloud._replace(notes=(*notes, *cloud.notes))
 
 
 def binary_block(head: bytes) -> RecordBlock | None:
@@ -126,51 +133,43 @@ def _grid(entries: dict[str, list[str]]) -> int:
 
 
 def _unique_fields(names: list[str], cells: list[str], repeats: list[int]) -> list[tuple]:
-    """NumPy fields; padding ("_") may come several times and gets names of its own."""
-    fields = []
+    """NumPy fields with names in small letters, without empty ones; padding and further equal names get their own."""
+    fields, seen = [], {PADDING}
     for index, (name, cell, repeat) in enumerate(zip(names, cells, repeats, strict=True)):
-        if repeat < 1 or repeat > 4096:
+        if repeat < 0 or repeat > 4096:
             raise ValueError(f"COUNT {repeat}")
-        label = f"{PADDING}{index}" if name == PADDING else name
+        if repeat == 0:
+            continue
+        label = f"{PADDING}{index}" if name.lower() in seen else name.lower()
+        seen.add(label)
         fields.append((label, cell) if repeat == 1 else (label, cell, (repeat,)))
     return fields
 
 
-def _ascii(data: bytes, header: Header) -> np.ndarray:
-    lines = [line for line in split_lines(data.decode("latin-1")) if line.strip()]
-    _check_count(len(lines), header.n)
-    rows = np.zeros(header.n, header.dtype)
-    if not lines:
-        return rows
+def _ascii(data: bytes, header: Header) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
+    """The columns of text, as real numbers, and what is to be said of them."""
+    text = data.rstrip(b"\0\x1a").decode("latin-1")
+    lines = [line for line in split_lines(text) if line.strip()]
+    if len(lines) > header.n:
+        raise BadFile(f"holds {len(lines):,} points, more than the {header.n:,} of its header")
+    notes = one_short(len(lines), header.n, ended=text.endswith(("\n", "\r"))) if len(lines) < header.n else ()
     widths = [int(np.prod(header.dtype[name].shape)) for name in header.dtype.names or ()]
-    table = parse_rows(lines, columns=sum(widths))
-    at = 0
+    table = parse_rows(lines, columns=sum(widths)) if lines else np.zeros((0, sum(widths)))
+    columns, at = {}, 0
     for name, width in zip(header.dtype.names or (), widths, strict=True):
-        cell = table[:, at : at + width].reshape(rows[name].shape)
-        kind = rows[name].dtype
-        rows[name] = _packed_as_float(cell) if name in ("rgb", "rgba") and kind == np.float32 else _cast(cell, kind)
+        columns[name] = table[:, at] if header.dtype[name].shape == () else table[:, at : at + width]
         at += width
-    return rows
+    for axis in "xyz":
+        _check_type(columns[axis], header.dtype[axis], axis)
+    return columns, notes
 
 
-def _packed_as_float(cell: np.ndarray) -> np.ndarray:
-    """Packed colours as text: the integer itself (PCL), or the float of the same bits, which is never a whole number."""
-    whole = np.isfinite(cell) & (cell >= 1) & (cell < 2**32) & (cell % 1 == 0)
-    integers = np.where(whole, cell, 0).astype(np.uint32)
-    return np.where(whole, integers.view(np.float32), _cast(cell, np.dtype(np.float32)))
-
-
-def _cast(cell: np.ndarray, kind: np.dtype) -> np.ndarray:
-    """Text numbers as the field's type.
-
-    Raises:
-        BadFile: If an integer field holds something else.
-    """
-    with np.errstate(invalid="ignore", over="ignore"):
-        cast = cell.astype(kind)
-    if kind.kind != "f" and not np.array_equal(cast, cell):
-        raise BadFile(f"holds a number that does not fit its type {kind.name}")
-    return cast
+def _check_type(column: np.ndarray, kind: np.dtype, name: str) -> None:
+    """Refuse a coordinate that does not fit the integer type that the header gives it."""
+    if kind.kind in "iu":
+        limits = np.iinfo(kind)
+        if not ((column >= limits.min) & (column <= limits.max) & (column % 1 == 0)).all():
+            raise BadFile(f"holds a {name} that does not fit its type {kind.name}")
 
 
 def _compressed(data: bytes, header: Header) -> np.ndarray:
@@ -192,29 +191,54 @@ def _compressed(data: bytes, header: Header) -> np.ndarray:
     return rows
 
 
-def _check_count(held: int, promised: int) -> None:
-    if held < promised:
-        raise BadFile(f"is truncated: its header promises {promised:,} points, {held:,} are there")
-    if held > promised:
-        raise BadFile(f"holds {held:,} points, more than the {promised:,} of its header")
-
-
 def from_fields(rows: np.ndarray) -> RawCloud:
-    """A cloud from records with fields x, y, z and perhaps packed colours and intensity.
+    """A cloud from records with fields x, y, z and perhaps colours and intensity.
 
     Raises:
         BadFile: If x, y or z holds several numbers.
     """
-    names = rows.dtype.names or ()
-    if any(rows.dtype[axis].shape for axis in "xyz"):
+    return from_columns({name: rows[name] for name in rows.dtype.names or ()}, rows.dtype)
+
+
+def from_columns(columns: dict[str, np.ndarray], dtype: np.dtype) -> RawCloud:
+    """A cloud from columns `[n]`, binary ones of the type that the header gives, or text ones of real numbers.
+
+    Raises:
+        BadFile: If x, y or z holds several numbers.
+    """
+    if any(columns[axis].ndim > 1 for axis in "xyz"):
         raise BadFile("has several numbers in one of its fields x, y and z")
-    xyz = np.stack([rows[axis].astype(np.float64) for axis in "xyz"], axis=1)
-    color = None
-    for name in ("rgb", "rgba"):
-        if color is None and name in names and rows.dtype[name].itemsize == 4 and not rows.dtype[name].shape:
-            packed = np.ascontiguousarray(rows[name]).view(np.uint32)
-            color = np.stack([(packed >> shift).astype(np.uint8) for shift in (16, 8, 0)], axis=1)
-    if color is None and {"r", "g", "b"} <= set(names):
-        color = as_color(np.stack([rows[c] for c in "rgb"], axis=1))
-    found = [name for name in names if name.lower() in INTENSITY_NAMES and not rows.dtype[name].shape]
-    return RawCloud(xyz, color, rows[found[0]].astype(np.float32) if found else None)
+    flat = {name: column for name, column in columns.items() if column.ndim == 1}
+    cloud = RawCloud(np.stack([flat[axis].astype(np.float64) for axis in "xyz"], axis=1))
+    name = next((name for name in flat if name in INTENSITY_NAMES), None)
+    if name is not None:
+        cloud = cloud._replace(intensity=flat[name].astype(np.float32))
+    name = next((name for name in ("rgb", "rgba") if name in flat and dtype[name].itemsize == 4), None)
+    if name is not None:
+        return _packed_color(cloud, flat[name], dtype[name])
+    if set("rgb") <= flat.keys():
+        real = all(dtype[c].kind == "f" for c in "rgb")
+        return colored(cloud, np.stack([flat[c] for c in "rgb"], axis=1), shares=real)
+    return cloud
+
+
+def _packed_color(cloud: RawCloud, column: np.ndarray, kind: np.dtype) -> RawCloud:
+    """Colours from four bytes 0, red, green, blue, as an integer or as the float of the same bits.
+
+    Text of a float field holds that float, which is never a whole number, or the integer itself (PCL).
+    """
+    if column.dtype.itemsize == 4:
+        packed = np.ascontiguousarray(column).view(np.uint32)
+    else:
+        valid = np.isfinite(cloud.xyz).all(axis=1)
+        least = 0 if kind.kind == "u" else -(2**31)  # a signed field holds alpha's highest bit as a sign
+        whole = (column % 1 == 0) & (column >= least) & (column < 2**32)
+        if kind.kind == "f":
+            whole &= (column >= 1) | (column == 0)
+        elif not whole[valid].all():
+            return cloud._replace(notes=(*cloud.notes, "its colours are left out: some are no packed 32-bit numbers"))
+        if kind.kind == "f" and not np.isfinite(column[valid]).all():
+            return cloud._replace(notes=(*cloud.notes, "its colours are left out: some are NaN"))
+        integers = np.where(whole, column, 0).astype(np.int64).astype(np.uint32)
+        packed = np.where(whole, integers, column.astype(np.float32).view(np.uint32))
+    return cloud._replace(color=np.stack([(packed >> shift).astype(np.uint8) for shift in (16, 8, 0)], axis=1))

@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cablejax.io.raw import BadFile, RawCloud, as_color
-from cablejax.io.records import RecordBlock
-from cablejax.io.text import parse_rows, split_lines
+from cablejax.io.raw import BadFile, RawCloud, colored, one_short
+from cablejax.io.records import RecordBlock, varying_records
+from cablejax.io.rows import is_count, parse_rows, split_lines
 
 TYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
@@ -18,18 +18,24 @@ COLOR_NAMES = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffu
 INTENSITY_NAMES = ("intensity", "scalar_intensity", "reflectance", "scalar_reflectance", "scalar")
 
 
-class Element(NamedTuple):
-    """An element of the header.
+class Field(NamedTuple):
+    """A property: its name, its NumPy type, and for a list the type of its length, else None."""
 
-    Attributes:
-        name: "vertex", "face", ...
-        n: How many the file promises.
-        fields: Name and NumPy type of each property; the type is None for a list.
-    """
+    name: str
+    kind: str
+    length: str | None = None
+
+
+class Element(NamedTuple):
+    """An element of the header: "vertex", "face", ..., how many the file promises, and its properties."""
 
     name: str
     n: int
-    fields: list[tuple[str, str | None]]
+    fields: list[Field]
+
+    def has_lists(self) -> bool:
+        """Whether its records vary in size."""
+        return any(field.length is not None for field in self.fields)
 
 
 class Header(NamedTuple):
@@ -65,7 +71,8 @@ def parse_header(data: bytes) -> Header:
             elif words[0] == "element":
                 elements.append(Element(words[1], int(words[2]), []))
             elif words[0] == "property":
-                elements[-1].fields.append((words[-1], None if words[1] == "list" else TYPES[words[1]]))
+                kinds = [TYPES[word] for word in words[2:4]] if words[1] == "list" else [TYPES[words[1]]]
+                elements[-1].fields.append(Field(words[-1], kinds[-1], kinds[0] if len(kinds) > 1 else None))
             else:
                 raise KeyError
         except (KeyError, IndexError, ValueError) as error:
@@ -84,88 +91,135 @@ def read_ply(data: bytes) -> RawCloud:
         BadFile: If the file holds fewer vertices than its header promises, or more.
     """
     header = parse_header(data)
-    rows = _ascii_vertices(data, header) if header.order is None else _block(header).rows(data)
-    return from_fields(rows)
+    vertex = header.elements[header.vertex_index()]
+    if header.order is None:
+        columns, notes = _ascii_vertices(data, header)
+    elif any(element.has_lists() for element in header.elements[: header.vertex_index() + 1]):
+        columns, notes = _varying_vertices(data, header), ()
+    else:
+        rows, notes = _block(header).rows(data)
+        columns = {name: rows[name] for name in rows.dtype.names or ()}
+    real = {name for name, field in _scalars(vertex).items() if field.kind[0] == "f"}
+    cloud = from_columns(columns, real)
+    return cloud._replace(notes=(*notes, *cloud.notes))
 
 
 def binary_block(head: bytes) -> RecordBlock | None:
-    """Where the vertices of a binary file stand, from its beginning; None for ASCII.
+    """Where the vertices of a binary file stand, from its beginning; None for ASCII, and where lists vary in length.
 
     Raises:
         BadFile: If that is no header.
     """
     header = parse_header(head)
-    return None if header.order is None else _block(header)
-
-
-def vertex_dtype(header: Header) -> np.dtype:
-    """The record of one vertex."""
-    vertex = header.elements[header.vertex_index()]
-    return np.dtype([(name, f"{header.order or '='}{kind}") for name, kind in vertex.fields])
+    lists = any(element.has_lists() for element in header.elements[: header.vertex_index() + 1])
+    return None if header.order is None or lists else _block(header)
 
 
 def from_fields(rows: np.ndarray) -> RawCloud:
     """A cloud from a structured array with fields x, y, z and perhaps colours and intensity."""
-    names = {name.lower(): name for name in rows.dtype.names or ()}
-    xyz = np.stack([rows[names[axis]].astype(np.float64) for axis in "xyz"], axis=1)
-    color = intensity = None
-    for triple in COLOR_NAMES:
-        if color is None and all(name in names for name in triple):
-            color = as_color(np.stack([rows[names[name]] for name in triple], axis=1))
-    for name in INTENSITY_NAMES:
-        if intensity is None and name in names:
-            intensity = rows[names[name]].astype(np.float32)
-    return RawCloud(xyz, color, intensity)
+    names = rows.dtype.names or ()
+    return from_columns({name: rows[name] for name in names}, {name for name in names if rows.dtype[name].kind == "f"})
+
+
+def from_columns(columns: dict[str, np.ndarray], real: set[str]) -> RawCloud:
+    """A cloud from columns by name in small letters, of which `real` are declared as real numbers."""
+    cloud = RawCloud(np.stack([columns[axis].astype(np.float64) for axis in "xyz"], axis=1))
+    name = next((name for name in INTENSITY_NAMES if name in columns), None)
+    if name is not None:
+        cloud = cloud._replace(intensity=columns[name].astype(np.float32))
+    triple = next((triple for triple in COLOR_NAMES if set(triple) <= columns.keys()), None)
+    if triple is None:
+        return cloud
+    return colored(cloud, np.stack([columns[name] for name in triple], axis=1), shares=set(triple) <= real)
+
+
+def _scalars(element: Element) -> dict[str, Field]:
+    """The properties that are no lists, by name in small letters; of equal names the first counts."""
+    return {field.name.lower(): field for field in reversed(element.fields) if field.length is None}
 
 
 def _check_vertices(header: Header) -> None:
-    """The vertex element must be there, once, with scalar properties of different names."""
+    """The vertex element must be there, once, with one x, y and z each."""
     vertices = [element for element in header.elements if element.name == "vertex"]
     if len(vertices) != 1:
         raise BadFile(f"has {len(vertices)} vertex elements in its PLY header, expected one")
-    names = [name.lower() for name, _ in vertices[0].fields]
-    if not {"x", "y", "z"} <= set(names) or len(set(names)) < len(names):
+    names = [field.name.lower() for field in vertices[0].fields]
+    if any(names.count(axis) != 1 for axis in "xyz") or not {"x", "y", "z"} <= _scalars(vertices[0]).keys():
         raise BadFile(f"has vertices without one x, y and z each: {names[:8]}")
-    if any(kind is None for _, kind in vertices[0].fields):
-        raise BadFile("has vertices with a list property, which is not supported")
     if any(element.n < 0 for element in header.elements):
         raise BadFile("has a negative count in its PLY header")
 
 
+def _record(order: str, fields: list[Field]) -> np.dtype:
+    """The record of an element without lists; names in small letters, made different by their place where they are not."""
+    names = [field.name.lower() for field in fields]
+    unique = [name if name not in names[:i] else f"{name} {i}" for i, name in enumerate(names)]
+    return np.dtype([(name, f"{order}{field.kind}") for name, field in zip(unique, fields, strict=True)])
+
+
 def _block(header: Header) -> RecordBlock:
+    at, order = header.vertex_index(), header.order or "="
+    start = header.size + sum(e.n * _record(order, e.fields).itemsize for e in header.elements[:at])
+    vertex = header.elements[at]
+    return RecordBlock(_record(order, vertex.fields), vertex.n, start, at == len(header.elements) - 1)
+
+
+def _varying_vertices(data: bytes, header: Header) -> dict[str, np.ndarray]:
+    """The vertices of a binary file in which they, or what stands before them, have lists."""
+    start, order = header.size, header.order or "="
+    columns: dict[str, np.ndarray] = {}
     at = header.vertex_index()
-    start = header.size + sum(_fixed_size(element) for element in header.elements[:at])
-    return RecordBlock(vertex_dtype(header), header.elements[at].n, start, at == len(header.elements) - 1)
+    for element in header.elements[: at + 1]:
+        fields = [
+            (field.name.lower(), order + field.kind, field.length and order + field.length) for field in element.fields
+        ]
+        columns, start = varying_records(data, start, element.n, fields, what=element.name)
+    if at == len(header.elements) - 1 and data[start:].strip(b"\0 \r\n\t"):
+        raise BadFile(f"holds {len(data) - start:,} bytes more than the {header.elements[at].n:,} points of its header")
+    return columns
 
 
-def _fixed_size(element: Element) -> int:
-    """Bytes of an element without lists."""
-    if any(kind is None for _, kind in element.fields):
-        raise BadFile(f"has a list element ({element.name}) before its vertices, which is not supported")
-    return element.n * sum(np.dtype(kind).itemsize for _, kind in element.fields)
-
-
-def _ascii_vertices(data: bytes, header: Header) -> np.ndarray:
+def _ascii_vertices(data: bytes, header: Header) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
     at = header.vertex_index()
-    vertex, dtype = header.elements[at], vertex_dtype(header)
-    lines = [line for line in split_lines(data[header.size :].decode("latin-1")) if line.strip()]
+    vertex = header.elements[at]
+    text = data[header.size :].rstrip(b"\0\x1a").decode("latin-1")
+    lines = [line for line in split_lines(text) if line.strip()]
     start = sum(element.n for element in header.elements[:at])
-    block = lines[start : start + vertex.n]
+    block, notes = lines[start : start + vertex.n], ()
     if len(block) < vertex.n:
-        raise BadFile(f"is truncated: its header promises {vertex.n:,} points, {len(block):,} are there")
+        notes = one_short(len(block), vertex.n, ended=text.endswith(("\n", "\r")))
     if at == len(header.elements) - 1 and len(lines) > start + vertex.n:
         raise BadFile(f"holds more lines than the {vertex.n:,} points of its header")
-    table = parse_rows(block, columns=len(vertex.fields))
-    rows = np.empty(vertex.n, dtype)
-    for index, (name, kind) in enumerate(vertex.fields):
-        column = table[:, index]
-        if np.dtype(kind).kind in "iu" and not _fits(column, np.dtype(kind)):
-            raise BadFile(f"holds a {name} that is no {kind} number")
-        rows[name] = column
-    return rows
+    if not block:
+        return {field.name.lower(): np.zeros(0) for field in vertex.fields}, notes
+    if vertex.has_lists():
+        block = [_without_lists(line, vertex.fields) for line in block]
+    fields = [field for field in vertex.fields if field.length is None]
+    table = parse_rows(block, columns=len(fields))
+    columns = {field.name.lower(): table[:, i] for i, field in reversed(list(enumerate(fields)))}
+    for axis in "xyz":
+        if (kind := _scalars(vertex)[axis].kind)[0] in "iu" and not _fits(columns[axis], np.dtype(kind)):
+            raise BadFile(f"holds a {axis} that is no {kind} number")
+    return columns, notes
+
+
+def _without_lists(line: str, fields: list[Field]) -> str:
+    """The numbers of a row that belong to no list."""
+    words, kept, at = line.split(), [], 0
+    for field in fields:
+        if field.length is None:
+            kept += words[at : at + 1]
+            at += 1
+        elif at < len(words) and is_count(words[at]):
+            at += 1 + int(words[at])
+        else:
+            raise BadFile(f"is damaged: expected the length of the list {field.name} in {line[:40]!r}")
+    if at != len(words):
+        raise BadFile(f"is damaged: expected {at} numbers in a row, got {len(words)}: {line[:40]!r}")
+    return " ".join(kept)
 
 
 def _fits(column: np.ndarray, dtype: np.dtype) -> bool:
-    """Whether every value of a column can be stored in an integer type."""
+    """Whether every value of a column is a whole number that fits an integer type."""
     limits = np.iinfo(dtype)
-    return bool(((column >= limits.min) & (column <= limits.max)).all())
+    return bool(((column >= limits.min) & (column <= limits.max) & (column % 1 == 0)).all())

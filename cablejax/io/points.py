@@ -1,18 +1,19 @@
 """Point files of every kind in, and four kinds out: units, large coordinates, invalid returns, colours, damage."""
 
 import os
-from collections.abc import Iterator
+import warnings
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Num
 
-from cablejax.io.raw import BadFile, RawCloud, join
+from cablejax.io.columns import named_columns
+from cablejax.io.raw import UNITS_MM, BadFile, RawCloud, join
 from cablejax.io.sources import as_point_file_error, pieces
 from cablejax.types import PointCloud
 
-UNITS_MM = {"um": 1e-3, "mm": 1.0, "cm": 10.0, "dm": 100.0, "m": 1000.0, "km": 1e6, "in": 25.4, "ft": 304.8}
 # Scanners mark a missing return with NaN, infinity, or the largest float; no cable is a light minute away.
 LARGEST_MM = 1e15
 
@@ -29,6 +30,7 @@ class PointFile:
         intensity: Reflected intensity `[n]`, float32, in the file's own scale, or None.
         unit: Unit that the file was taken to be in.
         path: Where it came from.
+        stated_unit: Unit that the file itself states (E57, names of columns such as "x [m]"), or None.
     """
 
     xyz_mm: Float[np.ndarray, "n 3"]
@@ -38,13 +40,20 @@ class PointFile:
     intensity: Float[np.ndarray, " n"] | None
     unit: str
     path: Path
+    stated_unit: str | None = None
 
     def cloud(self) -> PointCloud:
         """The points less `shift_mm`, as float32: near zero float32 is exact to a fraction of a micrometre."""
         return PointCloud.from_xyz(self.xyz_mm - self.shift_mm)
 
 
-def read_points(path: str | os.PathLike[str], *, unit: str = "mm", time_limit_s: float | None = None) -> PointFile:
+def read_points(
+    path: str | os.PathLike[str],
+    *,
+    unit: str | None = "mm",
+    columns: str | Sequence[str] | None = None,
+    time_limit_s: float | None = None,
+) -> PointFile:
     """Read a point file: PLY, PCD, XYZ, TXT, CSV, PTS, PTX, OBJ, LAS, LAZ, COPC or E57, gzipped or not.
 
     The content decides, the ending only where the content is plain text. Formats that need native libraries are read
@@ -52,14 +61,20 @@ def read_points(path: str | os.PathLike[str], *, unit: str = "mm", time_limit_s:
 
     Args:
         path: The file.
-        unit: The file's unit: "um", "mm", "cm", "dm", "m", "km", "in" or "ft". E57 is in metres by its standard.
+        unit: The file's unit: "um", "mm", "cm", "dm", "m", "km", "in" or "ft"; None for the one that it states itself, as E57
+            does and column names may ("x [m]"), and mm where it states none.
+        columns: What the columns of a text table are, such as "index,x,y,z,intensity"; None for what its header says or
+            its numbers leave no doubt about.
         time_limit_s: Most time that a native reader may take. None: 30 s and a second for every MB.
 
     Returns:
         The points in mm with colours, intensities and the number of invalid returns left out.
 
+    Warns:
+        UserWarning: What was odd but cost no coordinate: colours left out, a last point missing, another unit stated.
+
     Raises:
-        ValueError: If `unit` is unknown.
+        ValueError: If `unit` or a name among `columns` is unknown.
         PointFileError: If there is no whole cloud to be had: path and reason in one sentence.
 
     Example:
@@ -71,19 +86,26 @@ def read_points(path: str | os.PathLike[str], *, unit: str = "mm", time_limit_s:
         >>> scan.xyz_mm.tolist(), scan.dropped
         ([[1000.0, 2000.0, 3000.0]], 1)
     """
-    scale, path = unit_scale(unit), Path(path)
+    _check_unit(unit)
+    path, names = Path(path), None if columns is None else named_columns(columns)
     with as_point_file_error(path):
-        raw = join(list(pieces(path, unit=unit, time_limit_s=time_limit_s, size=None)))
+        raw = join(list(pieces(path, time_limit_s=time_limit_s, size=None, columns=names)))
         if len(raw.xyz) == 0:
             raise BadFile(nothing_valid(raw.dropped))
-        scan = in_millimetres(raw, path, unit, scale)
+        scan = in_millimetres(raw, path, unit)
         if len(scan.xyz_mm) == 0:
             raise BadFile(nothing_valid(scan.dropped))
+    _warn(raw, path, unit)
     return scan
 
 
 def iter_points(
-    path: str | os.PathLike[str], *, unit: str = "mm", chunk: int = 1_000_000, time_limit_s: float | None = None
+    path: str | os.PathLike[str],
+    *,
+    unit: str | None = "mm",
+    columns: str | Sequence[str] | None = None,
+    chunk: int = 1_000_000,
+    time_limit_s: float | None = None,
 ) -> Iterator[PointFile]:
     """Read a file in pieces, for clouds larger than memory.
 
@@ -94,6 +116,7 @@ def iter_points(
     Args:
         path: The file.
         unit: Its unit, as for `read_points`.
+        columns: What its columns are, as for `read_points`.
         chunk: Most points a piece.
         time_limit_s: Most time to wait for a native reader, all pieces together, as for `read_points`.
 
@@ -101,16 +124,18 @@ def iter_points(
         The next points.
 
     Raises:
-        ValueError: If `unit` is unknown or `chunk` is below 1.
+        ValueError: If `unit` or a name among `columns` is unknown, or `chunk` is below 1.
         PointFileError: As `read_points`; where only the end of a file is damaged, after the pieces before it.
     """
     if chunk < 1:
         raise ValueError(f"chunk: expected 1 or more, got {chunk}")
-    scale, path = unit_scale(unit), Path(path)
-    shift, before, dropped = None, None, 0
+    _check_unit(unit)
+    path, names = Path(path), None if columns is None else named_columns(columns)
+    shift, before, dropped, said = None, None, 0, set()
     with as_point_file_error(path):
-        for raw in pieces(path, unit=unit, time_limit_s=time_limit_s, size=chunk):
-            piece = in_millimetres(raw, path, unit, scale, shift)
+        for raw in pieces(path, time_limit_s=time_limit_s, size=chunk, columns=names):
+            said |= _warn(raw, path, unit, said)
+            piece = in_millimetres(raw, path, unit, shift)
             dropped += piece.dropped
             if len(piece.xyz_mm) == 0:
                 continue
@@ -133,15 +158,33 @@ def unit_scale(unit: str) -> float:
     return UNITS_MM[unit]
 
 
+def _check_unit(unit: str | None) -> None:
+    if unit is not None:
+        unit_scale(unit)
+
+
+def _warn(raw: RawCloud, path: Path, unit: str | None, said: Collection[str] = ()) -> set[str]:
+    """Say what was odd about a file, once; what was said."""
+    notes = list(raw.notes)
+    if None not in (raw.unit, unit) and raw.unit != unit:
+        notes.append(f"it says itself that it is in {raw.unit}, and is read as {unit} as asked")
+    for note in notes:
+        if note not in said:
+            warnings.warn(f"{path.name}: {note}", stacklevel=3)
+    return {*notes}
+
+
 def nothing_valid(dropped: int) -> str:
     """Why an empty cloud is an error."""
     return f"holds no valid point ({dropped:,} invalid returns)" if dropped else "holds no point"
 
 
 def in_millimetres(
-    raw: RawCloud, path: Path, unit: str, scale: float, shift_mm: Float[np.ndarray, "3"] | None = None
+    raw: RawCloud, path: Path, unit: str | None, shift_mm: Float[np.ndarray, "3"] | None = None
 ) -> PointFile:
     """Scale to mm, leave out what is no point, choose the shift where none is given."""
+    unit = unit or raw.unit or "mm"
+    scale = unit_scale(unit)
     with np.errstate(over="ignore", invalid="ignore"):
         xyz_mm = raw.xyz * scale
         valid = (np.abs(xyz_mm) < LARGEST_MM).all(axis=1)
@@ -155,4 +198,5 @@ def in_millimetres(
         intensity=None if raw.intensity is None else raw.intensity[valid],
         unit=unit,
         path=path,
+        stated_unit=raw.unit,
     )

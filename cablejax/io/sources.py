@@ -1,11 +1,12 @@
 """From a path to points in the file's unit: what the file is, and its pieces, large or small."""
 
 import contextlib
+import functools
 import gzip
+import os
 import tempfile
-import warnings
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +14,16 @@ import numpy as np
 
 from cablejax.io import pcd, ply
 from cablejax.io.isolated import read_isolated
-from cablejax.io.leica import read_pts, read_ptx
-from cablejax.io.raw import BadFile, PointFileError, RawCloud
-from cablejax.io.text import read_obj, read_table
+from cablejax.io.ptx import read_ptx
+from cablejax.io.raw import BadFile, PointFileError, RawCloud, one_short
+from cablejax.io.records import RecordBlock
+from cablejax.io.text import read_obj, read_pts, read_table
 
-PARSERS: dict[str, Callable[[bytes], RawCloud]] = {
+PARSERS: dict[str, Callable[..., RawCloud]] = {
     ".ply": ply.read_ply, ".pcd": pcd.read_pcd, ".pts": read_pts, ".ptx": read_ptx, ".obj": read_obj,
     ".xyz": read_table, ".txt": read_table, ".csv": read_table, ".asc": read_table, ".dat": read_table,
 }  # fmt: skip
+TABLES = (".pts", ".xyz", ".txt", ".csv", ".asc", ".dat")
 NATIVE = {".las": "las", ".laz": "las", ".e57": "e57"}
 ENDINGS = (*PARSERS, *NATIVE)
 GZIP_MAGIC = b"\x1f\x8b"
@@ -94,7 +97,9 @@ def open_source(path: Path) -> Iterator[tuple[Any, str, bool]]:
         yield stream, kind, packed
 
 
-def pieces(path: Path, *, unit: str, time_limit_s: float | None, size: int | None) -> Iterator[RawCloud]:
+def pieces(
+    path: Path, *, time_limit_s: float | None, size: int | None, columns: Sequence[str] | None = None
+) -> Iterator[RawCloud]:
     """The points of a file, in pieces of `size` points, or as they come where it is None.
 
     LAS, LAZ, E57 and binary PLY and PCD are read piece by piece; the rest is read whole and handed out in pieces.
@@ -103,20 +108,30 @@ def pieces(path: Path, *, unit: str, time_limit_s: float | None, size: int | Non
         BadFile, OSError, EOFError, zlib.error: As the formats' readers do.
     """
     with open_source(path) as (stream, kind, packed):
+        if columns is not None and kind not in TABLES:
+            raise BadFile(f"names its columns itself, being {kind[1:].upper()}; columns are for {', '.join(TABLES)}")
         if kind in PARSERS:
             rows = None if size is None else _records(stream, kind, None if packed else path.stat().st_size, size)
             if rows is None:
                 stream.seek(0)
-                yield from _sliced(_quietly(PARSERS[kind], stream.read()), size)
+                parse = PARSERS[kind] if columns is None else functools.partial(PARSERS[kind], columns=columns)
+                yield from _sliced(_quietly(parse, stream.read()), size)
             else:
                 yield from rows
             return
-        if kind == ".e57" and unit != "m":
-            warnings.warn(f"{path.name}: E57 files are in metres, read as {unit} as asked", stacklevel=4)
         limit = 30 + path.stat().st_size / 1e6 if time_limit_s is None else time_limit_s
         with contextlib.ExitStack() as stack:
-            source = stack.enter_context(_unpacked(stream, kind)) if packed else path
+            source = stack.enter_context(_unpacked(stream, kind)) if packed or not _speakable(path) else path
             yield from read_isolated(NATIVE[kind], source, time_limit_s=limit, size=size)
+
+
+def _speakable(path: Path) -> bool:
+    """Whether a native library, which takes names as UTF-8, can be told this one."""
+    try:
+        os.fsencode(path).decode()
+    except UnicodeDecodeError:
+        return False
+    return True
 
 
 def _records(stream: Any, kind: str, length: int | None, size: int) -> Iterator[RawCloud] | None:
@@ -128,9 +143,19 @@ def _records(stream: Any, kind: str, length: int | None, size: int) -> Iterator[
     if block is None:
         return None
     if length is not None:
-        block.check_length(length)
+        block.held(length)
     parse = ply.from_fields if kind == ".ply" else pcd.from_fields
-    return (_quietly(parse, rows) for rows in block.read(stream, size))
+    return _parsed(block, parse, stream, size)
+
+
+def _parsed(block: RecordBlock, parse: Callable[[Any], RawCloud], stream: Any, size: int) -> Iterator[RawCloud]:
+    """The pieces of a block; an empty one at the end says that its last point is missing."""
+    read = 0
+    for rows in block.read(stream, size):
+        read += len(rows)
+        yield _quietly(parse, rows)
+    if read < block.n:
+        yield RawCloud(np.zeros((0, 3)), notes=one_short(read, block.n))
 
 
 def _quietly(parse: Callable[[Any], RawCloud], data: Any) -> RawCloud:
@@ -146,12 +171,13 @@ def _sliced(raw: RawCloud, size: int | None) -> Iterator[RawCloud]:
         part = slice(start, start + size)
         color = None if raw.color is None else raw.color[part]
         intensity = None if raw.intensity is None else raw.intensity[part]
-        yield RawCloud(raw.xyz[part], color, intensity, 0 if start else raw.dropped)
+        first = raw._replace(dropped=0) if start else raw
+        yield first._replace(xyz=raw.xyz[part], color=color, intensity=intensity)
 
 
 @contextlib.contextmanager
 def _unpacked(stream: Any, kind: str) -> Iterator[Path]:
-    """A gzipped file's content in a file of its own, for readers that open files themselves."""
+    """A file's content, unpacked, in a file of its own, for readers that open files themselves."""
     with tempfile.TemporaryDirectory(prefix="cablejax-") as folder:
         path = Path(folder, f"unpacked{kind}")
         with path.open("wb") as file:

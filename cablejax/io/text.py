@@ -1,57 +1,56 @@
-"""Clouds as text: tables of columns (XYZ, TXT, CSV), OBJ vertices, and the row parser that other formats share."""
+"""Clouds as text: tables of columns (XYZ, TXT, CSV, PTS) and OBJ vertices."""
 
-import re
 from collections.abc import Sequence
 
 import numpy as np
 
-from cablejax.io.raw import BadFile, RawCloud, as_color
+from cablejax.io.columns import HOW, assign_columns, column_names, pick
+from cablejax.io.raw import BadFile, RawCloud, colored, join, one_short
+from cablejax.io.rows import BLANK, COMMENTS, cells_of, delimiter_of, is_count, is_data, layouts, parse_rows, text_lines
 
-COMMENTS = ("#", "//", "%")
-NUMBER = re.compile(r"[+-]?((\d+\.?\d*|\.\d+)(e[+-]?\d+)?|nan|inf(inity)?)", re.IGNORECASE)
-COLUMN_NAMES = {
-    "x": ("x", "easting"),
-    "y": ("y", "northing"),
-    "z": ("z", "height", "elevation"),
-    "r": ("r", "red"),
-    "g": ("g", "green"),
-    "b": ("b", "blue"),
-    "i": ("i", "intensity", "reflectance", "scalar_intensity"),
-}
+MOST_COLUMNS = 64
 
 
-def read_table(data: bytes) -> RawCloud:
-    """Read a table with or without a header row; the delimiter is found out.
+def read_table(data: bytes, columns: Sequence[str] | None = None, *, intensity_first: bool = False) -> RawCloud:
+    """Read a table, with or without a row of names, and with or without counts; the delimiter is found out.
 
-    Without column names, the columns are x y z, then one of: intensity; red green blue; red green blue intensity;
-    intensity red green blue. Other columns (normals, for instance) are left out.
+    Names come from a header row, also in a comment. Without them the columns are x y z, then what `assign_columns` tells.
+    A row that holds one whole number says how many rows follow (PTS), as often as it likes.
+
+    Args:
+        data: The file.
+        columns: What each column means, from `named_columns`; a row of names is then not asked.
+        intensity_first: Whether intensity stands before colours where there are no names.
 
     Raises:
-        BadFile: If the text is no table of numbers, naming the row.
+        BadFile: If the text is no table of numbers, naming the row, or its first columns look like an index.
     """
-    lines = text_lines(data)
-    names, start = None, 0
-    for start, line in enumerate(lines):  # noqa: B007 (used after the loop)
-        stripped = line.strip()
-        mark = next((mark for mark in COMMENTS if stripped.startswith(mark)), None)
-        if stripped and mark is None:
-            break
-        words = split_row(stripped.lstrip("#/% "))
-        names = column_indices(words) or names
-    else:
+    every = text_lines(data)
+    lines = [line for line in every if line.strip(BLANK)]
+    rows = [line for line in lines if not line.lstrip().startswith(COMMENTS)]
+    if not rows:
         raise BadFile("holds no point, only blank lines or comments")
-    first = split_row(lines[start])
-    if not all(map(is_number, first)):
-        names = column_indices(first)
-        if names is None:
-            raise BadFile(f"is no point cloud: line {start + 1} holds neither numbers nor column names x, y, z: "
-                          f"{lines[start].strip()[:50]!r}")  # fmt: skip
-        start += 1
-    table = parse_rows(lines[start:], usecols=None if names is None else sorted(names.values()))
-    if names is None:
-        return assign_columns(table)
-    order = {index: position for position, index in enumerate(sorted(names.values()))}
-    return pick({name: order[index] for name, index in names.items()}, table)
+    first = next((i for i, line in enumerate(lines) if line is rows[0]), 0)
+    comments = [line for line in lines[: first + 3] if line.lstrip().startswith(COMMENTS)]
+    header = None
+    for place in (0, 1):  # before the first count, or behind it
+        if header is None and place < len(rows) and not is_data(rows[place]) and (place == 0 or is_count(rows[0])):
+            header = rows.pop(place)
+    where = "" if header is None else f"line {every.index(header) + 1}"
+    if not rows:
+        raise _misread(header or "", where, None)
+    blocks, notes = _blocks(rows, ended=not every[-1].strip(BLANK)) if is_count(rows[0]) else ([rows], ())
+    clouds = [_read_block(block, header, where, comments, columns, intensity_first) for block in blocks]
+    return join([*clouds, RawCloud(np.zeros((0, 3)), notes=notes)])
+
+
+def read_pts(data: bytes, columns: Sequence[str] | None = None) -> RawCloud:
+    """Read PTS: blocks of a count and as many rows `x y z [intensity [r g b]]`, or such rows without a count.
+
+    Raises:
+        BadFile: If a block is shorter or longer than its count.
+    """
+    return read_table(data, columns, intensity_first=True)
 
 
 def read_obj(data: bytes) -> RawCloud:
@@ -64,114 +63,89 @@ def read_obj(data: bytes) -> RawCloud:
     if not rows:
         raise BadFile("holds no point: there is no vertex line ('v x y z')")
     table = parse_rows(rows)
-    if table.shape[1] not in (3, 4, 6, 7):
-        raise BadFile(f"has vertex lines of {table.shape[1]} numbers, expected 3, 4, 6 or 7")
-    color = as_color(table[:, -3:]) if table.shape[1] >= 6 else None
-    return RawCloud(table[:, :3], color)
+    width = table.shape[1]
+    if width not in (3, 4, 6, 7):
+        raise BadFile(f"has vertex lines of {width} numbers, expected 3, 4, 6 or 7")
+    cloud = RawCloud(table[:, :3])
+    if width < 6:
+        return cloud
+    if width == 6:
+        return colored(cloud, table[:, 3:], shares=True)
+    ones = (table[:, [3, 6]] == 1).all(axis=0)  # a weight before the colours, or their alpha behind them
+    if ones[0] == ones[1]:
+        return cloud._replace(
+            notes=("its colours are left out: four numbers stand behind x, y and z, none or two all 1",)
+        )
+    return colored(cloud, table[:, 4:] if ones[0] else table[:, 3:6], shares=True)
 
 
-def text_lines(data: bytes) -> list[str]:
-    """Decode text; a cloud written with any ASCII-compatible encoding will do.
-
-    Raises:
-        BadFile: If the bytes are no text.
-    """
-    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
-        return split_lines(data.decode("utf-16", errors="replace"))
-    if b"\0" in data:
-        raise BadFile("is no text file: it holds binary data")
-    return split_lines(data.removeprefix(b"\xef\xbb\xbf").decode("latin-1"))
-
-
-def split_lines(text: str) -> list[str]:
-    """Lines of text with any kind of line end.
-
-    `str.splitlines` would also break at other control characters, among them a byte of letters such as the UTF-8 of Å.
-    """
-    return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
-
-
-def split_row(line: str) -> list[str]:
-    """The cells of a row."""
-    delimiter = delimiter_of(line)
-    return [cell.strip().strip('"').strip() for cell in line.strip().rstrip(delimiter or "").split(delimiter)]
-
-
-def delimiter_of(line: str) -> str | None:
-    """Semicolon, comma or tab where the row holds one, None for blanks."""
-    return next((mark for mark in (";", ",", "\t") if mark in line.strip()), None)
+def _read_block(
+    rows: list[str], header: str | None, where: str, comments: list[str], columns: Sequence[str] | None, i_first: bool
+) -> RawCloud:
+    """The points of rows that belong together."""
+    if columns is not None:
+        places = {name: index for index, name in enumerate(columns) if name}
+        table = parse_rows(rows, usecols=sorted(places.values()), columns=len(columns))
+        return pick(_renumbered(places), table)
+    failure = None
+    for delimiter, cleaned in layouts(rows):
+        width = len(cells_of(cleaned[0], delimiter))
+        lines = [header] if header is not None else comments[::-1]
+        found = next(filter(None, (column_names(line, width) for line in lines)), None)
+        if found is None:
+            continue
+        names, unit = found
+        try:
+            table = parse_rows(cleaned, usecols=sorted(names.values()), columns=width, delimiters=(delimiter,))
+        except BadFile as error:
+            failure = failure or error
+            continue
+        return pick(_renumbered(names), table, unit=unit)
+    if failure is not None:
+        raise failure
+    if header is not None:
+        raise _misread(header, where, len(cells_of(rows[0], delimiter_of(rows[0]))))
+    return assign_columns(parse_rows(rows), intensity_first=i_first)
 
 
-def is_number(cell: str) -> bool:
-    """Whether a cell is a number; a decimal comma is one in a row of semicolons."""
-    return NUMBER.fullmatch(cell.replace(",", ".", 1)) is not None
+def _misread(header: str, where: str, width: int | None) -> BadFile:
+    """Why a row that holds no numbers is no header of the rows behind it, of which `width` is None if there are none."""
+    if not any(column_names(header, n) for n in range(3, MOST_COLUMNS)):
+        start = header.strip()[:50]
+        return BadFile(f"is no point cloud: {where} holds neither numbers nor column names x, y, z: {start!r}")
+    if width is None:
+        return BadFile("holds no point")
+    return BadFile(f"names another number of columns than the {width} that its rows have: {HOW}")
 
 
-def column_indices(words: Sequence[str]) -> dict[str, int] | None:
-    """Which columns a header row names, None unless x, y and z are among them."""
-    lowered = [word.lower().strip("\"'[]() ") for word in words]
-    found = {}
-    for name, synonyms in COLUMN_NAMES.items():
-        hits = [index for index, word in enumerate(lowered) if word in synonyms]
-        if hits:
-            found[name] = hits[0]
-    return found if {"x", "y", "z"} <= found.keys() else None
+def _renumbered(places: dict[str, int]) -> dict[str, int]:
+    """Places among the columns that are read, from places in the file."""
+    order = {index: position for position, index in enumerate(sorted(places.values()))}
+    return {name: order[index] for name, index in places.items()}
 
 
-def parse_rows(lines: Sequence[str], *, columns: int | None = None, usecols: Sequence[int] | None = None) -> np.ndarray:
-    """Parse rows of numbers of equal length.
-
-    Args:
-        lines: The rows; blank ones and comments are skipped.
-        columns: How many numbers a row must hold; any number from 3 on where it is None.
-        usecols: Which columns to read.
-
-    Returns:
-        The numbers `[n, columns]`, float64.
-
-    Raises:
-        BadFile: If a cell is no number or a row is shorter or longer than the first, naming the row.
-    """
-    delimiter = next((delimiter_of(line) for line in lines if line.strip()), None)
-    if delimiter == ";" and any("," in line for line in lines[:100]):
-        lines = [line.replace(",", ".") for line in lines]
-    if delimiter is not None:
-        lines = [line.strip().rstrip(delimiter) for line in lines]
-    lines = [line for line in lines if line.strip() and not line.lstrip().startswith(COMMENTS)]
-    if not lines:
+def _blocks(rows: list[str], *, ended: bool) -> tuple[list[list[str]], tuple[str, ...]]:
+    """Rows by the counts that stand before them, and what is to be said about the last block."""
+    blocks, notes, at = [], (), 0
+    while at < len(rows):
+        count = whole_number(rows[at], "points")
+        block = rows[at + 1 : at + 1 + count]
+        if len(block) < count:
+            notes = one_short(len(block), count, what="a block", ended=ended)
+        if block:
+            blocks.append(block)
+        at += 1 + count
+    if not blocks:
         raise BadFile("holds no point")
-    try:
-        table = np.loadtxt(lines, delimiter=delimiter, comments=None, usecols=usecols, quotechar='"', ndmin=2)
-    except (ValueError, IndexError, OverflowError) as error:
-        raise BadFile(f"is damaged or no point cloud: {str(error).split(';')[0].rstrip('.')}") from error
-    if table.shape[1] < 3 or table.shape[1] != (columns or table.shape[1]):
-        raise BadFile(f"has {table.shape[1]} numbers a row, expected {columns or 'at least 3'}")
-    return table
+    return blocks, notes
 
 
-def assign_columns(table: np.ndarray, *, intensity_first: bool = False) -> RawCloud:
-    """Decide what the columns after x y z mean, from their number and values."""
-    rest = table[:, 3:]
-    names = {"x": 0, "y": 1, "z": 2}
-    if rest.shape[1] == 1:
-        names |= {"i": 3}
-    elif rest.shape[1] == 3 and _looks_like_color(rest):
-        names |= {"r": 3, "g": 4, "b": 5}
-    elif rest.shape[1] == 4 and not intensity_first and _looks_like_color(rest[:, :3]):
-        names |= {"r": 3, "g": 4, "b": 5, "i": 6}
-    elif rest.shape[1] == 4 and _looks_like_color(rest[:, 1:]):
-        names |= {"i": 3, "r": 4, "g": 5, "b": 6}
-    return pick(names, table)
+def whole_number(line: str, what: str) -> int:
+    """A line that holds one whole number.
 
-
-def pick(names: dict[str, int], table: np.ndarray) -> RawCloud:
-    """A cloud from the columns that have a meaning."""
-    xyz = table[:, [names["x"], names["y"], names["z"]]]
-    color = as_color(table[:, [names[c] for c in "rgb"]]) if {"r", "g", "b"} <= names.keys() else None
-    intensity = table[:, names["i"]].astype(np.float32) if "i" in names else None
-    return RawCloud(xyz, color, intensity)
-
-
-def _looks_like_color(values: np.ndarray) -> bool:
-    """Whole numbers from 0 to 255: normals are not."""
-    return bool(((values >= 0) & (values <= 255) & (values % 1 == 0)).all())
+    Raises:
+        BadFile: If it holds anything else.
+    """
+    if not is_count(line):
+        raise BadFile(f"is damaged: expected a number of {what}, got {line.strip()[:40]!r}")
+    return int(line)

@@ -66,6 +66,7 @@ def denoise_file(
     *,
     settings: Settings | None = None,
     unit: str = "mm",
+    columns: str | None = None,
     tile_points: int = 1 << 18,
     chunk: int = 1_000_000,
     folder: str | os.PathLike[str] | None = None,
@@ -81,6 +82,7 @@ def denoise_file(
         target: A file that `PointWriter` writes.
         settings: Of removal and filter; the defaults if None.
         unit: Of the source and the target.
+        columns: What the columns of a text table are, as for `read_points`.
         tile_points: Most points of a tile with its halo: what memory goes by.
         chunk: Points read and written at once.
         folder: Where to work; beside the target if None. Deleted at the end.
@@ -95,15 +97,15 @@ def denoise_file(
     about = source.stat() if source.exists() else None
     job = {
         "source": str(source.resolve()), "size": about and about.st_size, "changed": about and about.st_mtime_ns,
-        "unit": unit, "tile_points": tile_points, "chunk": chunk, **asdict(settings),
+        "unit": unit, "columns": columns, "tile_points": tile_points, "chunk": chunk, **asdict(settings),
     }  # fmt: skip
     place = Path(folder) if folder is not None else target.with_name(target.name + ".tiles")
     run = _Run(Folder(place, job), settings, tile_points, progress or (lambda *_: None))
-    run.prepare(source, unit, chunk)
+    run.prepare(source, unit, columns, chunk)
     run.remove_outliers()
     if settings.smooth:
         run.smooth()
-    result = run.write(source, target, unit, chunk)
+    result = run.write(source, target, unit, columns, chunk)
     run.folder.remove()
     return result
 
@@ -114,12 +116,14 @@ class _Run:
     def __init__(self, folder: Folder, settings: Settings, capacity: int, progress: Progress):
         self.folder, self.settings, self.capacity, self.progress = folder, settings, capacity, progress
 
-    def prepare(self, source: Path, unit: str, chunk: int) -> None:
+    def prepare(self, source: Path, unit: str, columns: str | None, chunk: int) -> None:
         """Read the file, cut it into tiles, and write each tile's points into a file of its own."""
         self.about = self.folder.done("survey")
         if self.about is None:
             self.progress("reading", 0, 1)
-            self.about = self.folder.finish("survey", survey(self.folder, source, unit=unit, chunk=chunk))
+            self.about = self.folder.finish(
+                "survey", survey(self.folder, source, unit=unit, columns=columns, chunk=chunk)
+            )
         self.n = self.about["n"]
         least = max(self.settings.k, self.settings.removal_k)
         if self.n <= least:
@@ -240,13 +244,13 @@ class _Run:
         whole = Trial(*(jnp.concatenate(fields, axis=-1) for fields in zip(*parts, strict=True)))
         return self.folder.finish("alpha", float(choose_alpha(whole)))
 
-    def write(self, source: Path, target: Path, unit: str, chunk: int) -> TiledResult:
+    def write(self, source: Path, target: Path, unit: str, columns: str | None, chunk: int) -> TiledResult:
         """Read the source again and write what is left of it."""
         smooth = self.settings.smooth
         moved = self.folder.column("moved", np.float32, (self.n, 3)) if smooth else self.points
         shift, start = np.array(self.about["shift"]), 0
         with PointWriter(target, unit=unit) as writer:
-            for piece in iter_points(source, unit=unit, chunk=chunk):
+            for piece in iter_points(source, unit=unit, columns=columns, chunk=chunk):
                 part = slice(start, start + len(piece.xyz_mm))
                 start, kept = part.stop, np.asarray(self.keep[part])
                 self.progress("writing", start, self.n)

@@ -13,12 +13,12 @@ SAMPLE = 64  # points whose neighbourhoods are measured
 BLOCK = 50_000  # points compared with them at once
 
 
-def survey(folder: Folder, source: Path, *, unit: str, chunk: int) -> dict[str, Any]:
+def survey(folder: Folder, source: Path, *, unit: str, columns: str | None, chunk: int) -> dict[str, Any]:
     """Read a file once; points exactly at the origin, several of them, are beams without return and become NaN."""
     n, dropped, zeros = 0, 0, []
     lower, upper, shift = np.full(3, np.inf), np.full(3, -np.inf), np.zeros(3)
     with (folder.path / "points").open("wb") as file:
-        for piece in iter_points(source, unit=unit, chunk=chunk):
+        for piece in iter_points(source, unit=unit, columns=columns, chunk=chunk):
             shift = piece.shift_mm
             at_origin = (piece.xyz_mm == 0).all(axis=1)
             zeros.extend((n + np.nonzero(at_origin)[0]).tolist())

@@ -19,21 +19,21 @@ BROKEN = {
     "empty.gz": (gzip.compress(b""), "is empty"),
     "a.docx": (b"PK\3\4", "has an unknown ending; known are .ply"),
     "no_ending": (b"1 2 3\n", "has an unknown ending"),
-    "short.ply": (PLY + b"1 2 3\n", "is truncated: its header promises 2 points, 1 are there"),
+    "short.ply": (PLY.replace(b"vertex 2", b"vertex 3") + b"1 2 3\n", "truncated: its header promises 3 points, 1 are there"),
     "long.ply": (PLY + b"1 2 3\n" * 3, "holds more lines than the 2 points"),
     "binary.ply": (PLY.replace(b"ascii", b"binary_little_endian") + b"\0" * 23, "promises 2 points, 1 are there"),
-    "extra.ply": (PLY.replace(b"ascii", b"binary_little_endian") + b"\0" * 36, "holds 12 bytes more than the 2 points"),
+    "extra.ply": (PLY.replace(b"ascii", b"binary_little_endian") + b"\1" * 36, "holds 12 bytes more than the 2 points"),
     "huge.ply": (PLY.replace(b"vertex 2", b"vertex 99999999999999999999"), "is truncated"),
     "header.ply": (PLY.replace(b"end_header", b"end"), "its header has no beginning or no end"),
     "plain.ply": (b"1 2 3\n", "is no PLY file"),
     "type.ply": (PLY.replace(b"float x", b"quaternion x"), "header line that means nothing: 'property quaternion x'"),
     "no_x.ply": (PLY.replace(b"float x", b"float u"), "has vertices without one x, y and z each"),
-    "list.ply": (PLY.replace(b"float x", b"list uchar float x"), "list property"),
+    "list.ply": (PLY.replace(b"float x", b"list uchar float x"), "without one x, y and z each"),
     "negative.ply": (PLY.replace(b"vertex 2", b"vertex -2"), "negative count"),
     "zero.ply": (PLY.replace(b"vertex 2", b"vertex 0"), "holds no point"),
     "ragged.ply": (PLY + b"1 2 3\n1 2\n", "number of columns changed"),
     "word.ply": (PLY + b"1 2 3\n1 2 x\n", "could not convert string 'x'"),
-    "short.pcd": (PCD + b"1 2 3\n", "is truncated: its header promises 2 points, 1 are there"),
+    "short.pcd": (PCD.replace(b" 2\n", b" 3\n") + b"1 2 3\n", "truncated: its header promises 3 points, 1 are there"),
     "long.pcd": (PCD + b"1 2 3\n" * 3, "holds 3 points, more than the 2 of its header"),
     "grid.pcd": (PCD.replace(b"WIDTH 2", b"WIDTH 3"), "WIDTH x HEIGHT is not POINTS"),
     "bare.pcd": (PCD.replace(b"WIDTH 2", b"WIDTH"), "has a damaged PCD header"),  # once an IndexError
@@ -47,7 +47,7 @@ BROKEN = {
     "ragged.xyz": (b"1 2 3\n4 5\n", "number of columns changed"),
     "comments.xyz": (b"# nothing\n\n", "holds no point, only blank lines or comments"),
     "names.csv": (b"x,y,z\n", "holds no point"),
-    "binary.xyz": (b"1 2 3\n\0\0", "holds binary data"),
+    "binary.xyz": (b"1 2 3\n\0\0 4", "holds binary data"),
     "nan.xyz": (b"nan nan nan\n" * 3, r"holds no valid point \(3 invalid returns\)"),
     "short.pts": (b"3\n1 2 3\n", "a block promises 3 points, 1 are there"),
     "long.pts": (b"1\n1 2 3\n4 5 6\n", "expected a number of points, got '4 5 6'"),
@@ -93,15 +93,18 @@ def test_a_pipe_does_not_block(tmp_path):
 
 
 def test_every_cut_of_a_counted_file_is_noticed(tmp_path):
-    """A prefix of a file is never a smaller cloud."""
-    for ending in ("ply", "pcd"):
+    """A prefix of a file is never a smaller cloud, but for one that lacks its last record and no more: that is warned of."""
+    for ending, record in (("ply", 31), ("pcd", 20)):
         path = tmp_path / f"a.{ending}"
         write_points(path, XYZ, color=COLOR, intensity=INTENSITY)
         whole = path.read_bytes()
-        for cut in range(0, len(whole), 3):
+        for cut in {*range(0, len(whole), 3)} - {len(whole) - record}:
             path.write_bytes(whole[:cut])
             with pytest.raises(PointFileError):
                 read_points(path)
+        path.write_bytes(whole[:-record])
+        with pytest.warns(UserWarning, match="promises 3 points, 2 are there and were read"):
+            assert len(read_points(path).xyz_mm) == 2
 
 
 @pytest.mark.parametrize("ending", ["las", "laz"])

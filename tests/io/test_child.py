@@ -63,15 +63,18 @@ def test_pose_turns_first_and_then_shifts():
     ],
 )
 def test_colors_follow_their_limits(largest, values, kind, expected):
-    color = child._e57_color(np.array([values], float), header(largest))
+    color, notes = child._e57_color(np.array([values], float), header(largest))
+    assert notes == []
+    assert color is not None
     assert color.dtype == kind
     assert color.tolist() == [expected]
 
 
 @pytest.mark.parametrize("value", [256.0, -1.0, np.nan])
-def test_colors_outside_their_limits_are_damage(value):
-    with pytest.raises(child.Damaged, match="colours outside its limits"):
-        child._e57_color(np.array([[value, 0, 0]]), header(255))
+def test_colors_outside_their_limits_are_left_out(value):
+    color, notes = child._e57_color(np.array([[value, 0, 0]]), header(255))
+    assert color is None
+    assert notes == ["its colours are left out: they hold numbers outside their limits of 0 to 255"]
 
 
 class Panic(BaseException):
@@ -115,13 +118,17 @@ def las_counts(tmp_path, ending, change):
     return path
 
 
-@pytest.mark.parametrize("change", [-1, 1])
-def test_a_wrong_count_in_a_las_header_is_noticed(tmp_path, change):
+@pytest.mark.parametrize(("change", "words"), [(-1, "100 points, more than the 99"), (2, "promises 102 points, 100")])
+def test_a_wrong_count_in_a_las_header_is_noticed(tmp_path, change, words):
     path = las_counts(tmp_path, "las", change)
-    with pytest.raises(
-        child.Damaged, match="promises 101 points, 100" if change > 0 else "100 points, more than the 99"
-    ):
+    with pytest.raises(child.Damaged, match=words):
         list(child.las_chunks(str(path)))
+
+
+def test_a_las_header_that_counts_one_too_many_is_followed_by_a_note(tmp_path):
+    chunks = list(child.las_chunks(str(las_counts(tmp_path, "las", 1)), 30))
+    assert [len(chunk["xyz"]) for chunk in chunks] == [30, 30, 30, 10, 0]
+    assert chunks[-1]["notes"] == ["its header promises 101 points, 100 are there and were read"]
 
 
 def test_a_count_beyond_the_chunk_table_is_noticed(tmp_path):

@@ -18,8 +18,9 @@ def test_examples_run(tmp_path, monkeypatch, capsys):
     with pye57.E57("scan.e57", mode="w") as file:
         file.write_scan_raw({f"cartesian{axis}": column for axis, column in zip("XYZ", xyz.T, strict=True)})
     write_points("plant.laz", xyz * 1000, unit="m")
+    Path("export.txt").write_text("".join(f"{i} {x} {y} {z} 7\n" for i, (x, y, z) in enumerate(xyz.tolist())))
     blocks = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
-    assert len(blocks) == 2
+    assert len(blocks) == 3
     for block in blocks:
         exec(compile(block, str(PAGE), "exec"), {})
     assert capsys.readouterr().out == "50 points, 0 invalid returns left out\n"

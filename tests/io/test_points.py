@@ -78,7 +78,6 @@ FLOAT_COLOR = b"1 2 3 %r 12\n" % float(np.uint32(0xFF0007).view(np.float32))
 COLORED = {
     "a.ply": ply(b"1 2 3 255 0 7 12\n", properties="float x,float y,float z,uchar red,uchar green,uchar blue,float intensity"),
     "scalar.ply": ply(b"1 2 3 255 0 7 12\n", properties="float x,float y,float z,uchar r,uchar g,uchar b,float scalar_Intensity"),
-    "rgb_first.xyz": "1 2 3 255 0 7 12.0\n",
     "i_first.pts": "1\n1 2 3 12 255 0 7\n",
     "i_first.xyz": "1 2 3 -12 255 0 7\n",
     "named.csv": "Intensity;Red;Green;Blue;X;Y;Z\n12;255;0;7;1;2;3\n",
@@ -230,7 +229,7 @@ def test_e57_invalid_states_poses_and_precision(tmp_path):
         data |= {"intensity": np.array([0.5, 0.25, 0.125]), "cartesianInvalidState": np.array([0, 2, 0], np.int8)}
         data |= {f"color{name}": np.array([255, 0, 7], np.uint8) for name in ("Red", "Green", "Blue")}
         file.write_scan_raw(data, translation=np.array([500_000.0, 5_000_000.0, 0.0625]))
-    with pytest.warns(UserWarning, match=r"a\.e57: E57 files are in metres, read as mm"):
+    with pytest.warns(UserWarning, match=r"a\.e57: it says itself that it is in m, and is read as mm"):
         read_points(tmp_path / "a.e57")
     scan = read_points(tmp_path / "a.e57", unit="m")
     assert (scan.xyz_mm / 1000).tolist() == [[500_001, 5_000_001, 1.0625], [500_003, 5_000_003, 3.0625]]
