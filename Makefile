@@ -7,14 +7,13 @@ PYTHON ?= $(shell for p in python3 python3.13 python3.12 python3.11; do \
 VENV ?= .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
-LOCKS := requirements/runtime.txt requirements/scan.txt requirements/dev.txt
 
 $(BIN)/python:
 	@test -n "$(PYTHON)" || { echo "cablejax needs Python 3.11, 3.12 or 3.13 on the PATH (or PYTHON=/path/to/python)." >&2; exit 2; }
 	@echo "Creating $(VENV) with $$($(PYTHON) --version)"
 	@$(PYTHON) -m venv $(VENV)
 
-$(VENV)/.run-stamp: requirements/scan.txt pyproject.toml | $(BIN)/python
+$(VENV)/.run-stamp: requirements/study.txt pyproject.toml | $(BIN)/python
 	@test -e $(VENV)/.dev-stamp || echo "Installing the locked dependencies (a minute or two)"
 	@test -e $(VENV)/.dev-stamp || $(PIP) install --require-hashes -r $<
 	@PYTHONWARNINGS=ignore $(PIP) install --no-deps --no-build-isolation -e .
@@ -118,11 +117,11 @@ notebooks: $(VENV)/.dev-stamp ## Execute the notebooks on results/ and keep thei
 	@$(BIN)/python -m experiments.notebooks
 
 COMPILE := $(BIN)/uv pip compile pyproject.toml --python-version 3.11 --universal --generate-hashes \
-	--no-emit-index-url --no-emit-find-links --no-annotate --no-header --quiet
+	--no-emit-index-url --no-emit-find-links --no-annotate --no-header --quiet -c requirements/held.in
 lock: $(VENV)/.dev-stamp ## Resolve the locks in requirements/ anew (UPGRADE=1 to move versions)
 	$(COMPILE) $(if $(UPGRADE),--upgrade) --all-extras --group build --group dev -o requirements/dev.txt
 	$(COMPILE) --group build -c requirements/dev.txt -o requirements/runtime.txt
-	$(COMPILE) --group build --extra scan -c requirements/dev.txt -o requirements/scan.txt
+	$(COMPILE) --group build --extra scan --extra study -c requirements/dev.txt -o requirements/study.txt
 
 clean: ## Remove runs, caches and the environment
 	rm -rf runs .jax_cache .pytest_cache .ruff_cache build *.egg-info $(VENV)

@@ -5,9 +5,15 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 from numpy.typing import ArrayLike
+
+from cablejax.jax_sums import warn_where_wrong
+
+warn_where_wrong()  # every part imports this module before it computes
 
 
 class PointCloud(NamedTuple):
@@ -34,14 +40,17 @@ class PointCloud(NamedTuple):
             >>> PointCloud.from_xyz([[0.0, 0.0, 0.0]], capacity=3).mask.tolist()
             [True, False, False]
         """
-        points = jnp.asarray(xyz, dtype=jnp.float32)
+        on_device = isinstance(xyz, jax.Array)
+        # Arrays of the host are padded there: on the device each number of points would compile its own padding.
+        points = jnp.asarray(xyz, dtype=jnp.float32) if on_device else np.asarray(xyz, dtype=np.float32)
         if points.ndim != 2 or points.shape[1] != 3:
             raise ValueError(f"xyz: expected shape [n, 3], got {list(points.shape)}")
         n = points.shape[0]
-        capacity = n if capacity is None else capacity
-        if capacity < n:
+        rows = n if capacity is None else capacity
+        if rows < n:
             raise ValueError(f"capacity: expected at least the number of points, {n}, got {capacity}")
-        return cls(jnp.pad(points, ((0, capacity - n), (0, 0))), jnp.arange(capacity) < n)
+        padded = (jnp if on_device else np).pad(points, ((0, rows - n), (0, 0)))
+        return cls(jnp.asarray(padded), jnp.asarray(np.arange(rows) < n))
 
 
 class Status(enum.IntFlag):

@@ -9,6 +9,7 @@ from typing import Any
 
 from cablejax.cli.main import NoResultError
 from cablejax.cli.scans import check_output, rows, say
+from cablejax.optional import require
 
 READABLE = (".ply", ".pcd", ".xyz", ".txt", ".csv", ".pts", ".ptx", ".obj", ".las", ".laz", ".e57", ".gz")
 COLUMNS: tuple[str, ...] = (
@@ -31,6 +32,7 @@ def run_folder(options: argparse.Namespace, measure_one: Callable[[argparse.Name
     if not files:
         raise NoResultError(f"{folder}: is a folder without point files ({', '.join(READABLE)})")
     if options.report is not None:
+        require("jinja2", "plotly", "matplotlib", why="a report")
         Path(options.report).mkdir(parents=True, exist_ok=True)
     done = []
     for number, path in enumerate(files, 1):

@@ -8,6 +8,11 @@ import sys
 import warnings
 from collections.abc import Sequence
 
+from cablejax import __version__
+from cablejax.jax_sums import WrongSumsError, check_sums
+from cablejax.optional import MissingPackageError
+from cablejax.runtime import set_up_jax
+
 EXIT_OK, EXIT_NO_RESULT, EXIT_USAGE = 0, 1, 2
 INTERRUPTED = 130
 
@@ -191,8 +196,6 @@ COMMANDS = {
 
 def build_parser() -> argparse.ArgumentParser:
     """The command's arguments."""
-    from cablejax import __version__
-
     parser = argparse.ArgumentParser(
         prog="cablejax",
         description="Cable scans: clean, register, measure and simulate them.",
@@ -223,14 +226,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Errors that a user can do something about are one line on stderr; a traceback means a defect of this program.
     """
     options = build_parser().parse_args(arguments)
-    module = importlib.import_module(f"cablejax.cli.{options.command}")
     with warnings.catch_warnings():
         warnings.showwarning = _warn_plainly
         try:
+            if options.command != "completion":
+                set_up_jax()
+                check_sums()
+            module = importlib.import_module(f"cablejax.cli.{options.command}")
             result = module.run(options)
             _dump(result) if options.json else sys.stdout.write(module.table(result) + "\n")
             sys.stdout.flush()
-        except NoResultError as error:
+        except (NoResultError, MissingPackageError, WrongSumsError) as error:
             sys.stderr.write(f"cablejax: {error}\n")
             return EXIT_NO_RESULT
         except KeyboardInterrupt:
