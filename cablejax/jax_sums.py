@@ -9,6 +9,7 @@ not know, so the flag is set for the releases that it was tried on and no other.
 import os
 import sys
 import warnings
+from functools import cache
 
 from jaxlib import version as jaxlib_version
 
@@ -42,8 +43,9 @@ def set_flag() -> None:
         os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {FLAG}".strip()
 
 
+@cache
 def check_sums() -> None:
-    """Sum small whole numbers on the default device: some milliseconds where the program is in the cache.
+    """Sum small whole numbers on the default device, once a process.
 
     Raises:
         WrongSumsError: If the sum is wrong, with what to do about it in one sentence.

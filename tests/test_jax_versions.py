@@ -88,6 +88,7 @@ def test_the_flag_comes_too_late_for_a_running_backend(monkeypatch):
 
 def test_a_wrong_sum_is_an_error_with_its_remedy(monkeypatch):
     ensure_right_sums()
+    jax_sums.check_sums.cache_clear()
     monkeypatch.setattr(jax, "jit", lambda function: lambda rows: function(jnp.asarray(rows)) / 4)
     with pytest.raises(jax_sums.WrongSumsError, match=r"sums to 16388 what is 65552: set XLA_FLAGS=\S+ .*install jax"):
         ensure_right_sums()
