@@ -25,7 +25,7 @@ $(VENV)/.dev-stamp: requirements/dev.txt pyproject.toml | $(BIN)/python
 	@PYTHONWARNINGS=ignore $(PIP) install --no-deps --no-build-isolation -e .
 	@touch $@ $(VENV)/.run-stamp
 
-.PHONY: help setup setup-dev run test lint format check results reproduce verify tabulate tables paper-tables figures report notebooks lock clean
+.PHONY: help setup setup-dev run test test-portable lint format check results reproduce verify tabulate tables paper-tables figures report notebooks lock clean
 help: ## List every target
 	@grep -hE '^[a-zA-Z0-9_-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  %-22s %s\n", $$1, $$2}'
 	@printf "  %-22s Sweep and collect one table or figure (SIZE=smoke, quick or paper)\n" $(EXPERIMENTS)
@@ -48,6 +48,17 @@ endif
 PYTEST ?= -n 2 --dist loadfile
 test: $(VENV)/.dev-stamp ## Run the tests
 	@$(BIN)/python -m pytest $(PYTEST)
+
+# The instructions that XLA may use, as on older processors; each keeps what it compiles apart. ISAS="AVX2" for one alone.
+ISAS ?= SSE4_2 AVX2 AVX512
+TESTS ?=
+test-portable: $(VENV)/.dev-stamp ## Tests and verify as on other processors: SSE4.2, AVX2, AVX-512, 1 and 2 threads (hours; TESTS=path)
+	@for isa in $(ISAS); do for threads in 1 2; do \
+		echo "== $$isa, $$threads thread(s)"; \
+		export XLA_FLAGS="--xla_cpu_max_isa=$$isa" NPROC=$$threads OMP_NUM_THREADS=$$threads JAX_COMPILATION_CACHE_DIR="$(CURDIR)/.jax_cache/$$isa-$$threads"; \
+		$(BIN)/python -m pytest -q $(PYTEST) $(TESTS) || exit 1; \
+		$(if $(TESTS),,$(BIN)/python -m experiments.verify || exit 1;) \
+	done; done
 
 lint: $(VENV)/.dev-stamp ## Check format, lint and types
 	@$(BIN)/ruff format --check .
