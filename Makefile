@@ -7,14 +7,13 @@ PYTHON ?= $(shell for p in python3 python3.13 python3.12 python3.11; do \
 VENV ?= .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
-LOCKS := requirements/runtime.txt requirements/scan.txt requirements/dev.txt
 
 $(BIN)/python:
 	@test -n "$(PYTHON)" || { echo "cablejax needs Python 3.11, 3.12 or 3.13 on the PATH (or PYTHON=/path/to/python)." >&2; exit 2; }
 	@echo "Creating $(VENV) with $$($(PYTHON) --version)"
 	@$(PYTHON) -m venv $(VENV)
 
-$(VENV)/.run-stamp: requirements/scan.txt pyproject.toml | $(BIN)/python
+$(VENV)/.run-stamp: requirements/study.txt pyproject.toml | $(BIN)/python
 	@test -e $(VENV)/.dev-stamp || echo "Installing the locked dependencies (a minute or two)"
 	@test -e $(VENV)/.dev-stamp || $(PIP) install --require-hashes -r $<
 	@PYTHONWARNINGS=ignore $(PIP) install --no-deps --no-build-isolation -e .
@@ -26,7 +25,7 @@ $(VENV)/.dev-stamp: requirements/dev.txt pyproject.toml | $(BIN)/python
 	@PYTHONWARNINGS=ignore $(PIP) install --no-deps --no-build-isolation -e .
 	@touch $@ $(VENV)/.run-stamp
 
-.PHONY: help setup setup-dev run test lint format check results reproduce verify tabulate tables paper-tables figures report notebooks lock clean
+.PHONY: help setup setup-dev run test test-portable lint format check results reproduce verify tabulate tables paper-tables figures report notebooks lock clean
 help: ## List every target
 	@grep -hE '^[a-zA-Z0-9_-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  %-22s %s\n", $$1, $$2}'
 	@printf "  %-22s Sweep and collect one table or figure (SIZE=smoke, quick or paper)\n" $(EXPERIMENTS)
@@ -49,6 +48,17 @@ endif
 PYTEST ?= -n 2 --dist loadfile
 test: $(VENV)/.dev-stamp ## Run the tests
 	@$(BIN)/python -m pytest $(PYTEST)
+
+# The instructions that XLA may use, as on older processors; each keeps what it compiles apart. ISAS="AVX2" for one alone.
+ISAS ?= SSE4_2 AVX2 AVX512
+TESTS ?=
+test-portable: $(VENV)/.dev-stamp ## Tests and verify as on other processors: SSE4.2, AVX2, AVX-512, 1 and 2 threads (hours; TESTS=path)
+	@for isa in $(ISAS); do for threads in 1 2; do \
+		echo "== $$isa, $$threads thread(s)"; \
+		export XLA_FLAGS="--xla_cpu_max_isa=$$isa" NPROC=$$threads OMP_NUM_THREADS=$$threads JAX_COMPILATION_CACHE_DIR="$(CURDIR)/.jax_cache/$$isa-$$threads"; \
+		$(BIN)/python -m pytest -q $(PYTEST) $(TESTS) || exit 1; \
+		$(if $(TESTS),,$(BIN)/python -m experiments.verify || exit 1;) \
+	done; done
 
 lint: $(VENV)/.dev-stamp ## Check format, lint and types
 	@$(BIN)/ruff format --check .
@@ -118,11 +128,11 @@ notebooks: $(VENV)/.dev-stamp ## Execute the notebooks on results/ and keep thei
 	@$(BIN)/python -m experiments.notebooks
 
 COMPILE := $(BIN)/uv pip compile pyproject.toml --python-version 3.11 --universal --generate-hashes \
-	--no-emit-index-url --no-emit-find-links --no-annotate --no-header --quiet
+	--no-emit-index-url --no-emit-find-links --no-annotate --no-header --quiet -c requirements/held.in
 lock: $(VENV)/.dev-stamp ## Resolve the locks in requirements/ anew (UPGRADE=1 to move versions)
 	$(COMPILE) $(if $(UPGRADE),--upgrade) --all-extras --group build --group dev -o requirements/dev.txt
 	$(COMPILE) --group build -c requirements/dev.txt -o requirements/runtime.txt
-	$(COMPILE) --group build --extra scan -c requirements/dev.txt -o requirements/scan.txt
+	$(COMPILE) --group build --extra scan --extra study -c requirements/dev.txt -o requirements/study.txt
 
 clean: ## Remove runs, caches and the environment
 	rm -rf runs .jax_cache .pytest_cache .ruff_cache build *.egg-info $(VENV)

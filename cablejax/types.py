@@ -11,6 +11,10 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 from numpy.typing import ArrayLike
 
+from cablejax.jax_sums import warn_where_wrong
+
+warn_where_wrong()  # every part imports this module before it computes
+
 # float32 may move a point by so much of the cloud's width: a cable 400 mm long by 4 um.
 LARGEST_ROUNDING = 1e-5
 
@@ -60,18 +64,20 @@ class PointCloud(NamedTuple):
             >>> PointCloud.from_xyz([[0.0, 0.0, 0.0]], capacity=3).mask.tolist()
             [True, False, False]
         """
-        if not isinstance(xyz, jax.Array):
+        on_device = isinstance(xyz, jax.Array)
+        if not on_device:
             xyz = np.asarray(xyz)
             _check_rounding(xyz)
-        points = jnp.asarray(xyz, dtype=jnp.float32)
+        # Arrays of the host are padded there: on the device each number of points would compile its own padding.
+        points = jnp.asarray(xyz, dtype=jnp.float32) if on_device else np.asarray(xyz, dtype=np.float32)
         if points.ndim != 2 or points.shape[1] != 3:
             raise ValueError(f"xyz: expected shape [n, 3], got {list(points.shape)}")
         n = points.shape[0]
-        if capacity is None or capacity == "auto":
-            capacity = n if capacity is None else capacity_for(n)
-        if capacity < n:
+        rows = n if capacity is None else capacity_for(n) if capacity == "auto" else capacity
+        if rows < n:
             raise ValueError(f"capacity: expected at least the number of points, {n}, got {capacity}")
-        return cls(jnp.pad(points, ((0, capacity - n), (0, 0))), jnp.arange(capacity) < n)
+        padded = (jnp if on_device else np).pad(points, ((0, rows - n), (0, 0)))
+        return cls(jnp.asarray(padded), jnp.asarray(np.arange(rows) < n))
 
 
 def _check_rounding(xyz: np.ndarray) -> None:

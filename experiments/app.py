@@ -14,6 +14,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from cablejax.io import PointFileError
+from cablejax.jax_sums import WrongSumsError, check_sums
 from cablejax.train import TrainingDiverged
 from cablejax.types import StatusError
 from experiments import ROOT, schema, sweep
@@ -25,6 +26,7 @@ EXPECTED = (
     PointFileError,
     StatusError,
     TrainingDiverged,
+    WrongSumsError,
 )  # a person's doing, worded in one line
 UNTOLD = ("experiment=", "launcher=", "sweeper=", "size=", "out=")  # the same in all jobs of a sweep
 USAGE_ERROR = 2
@@ -109,6 +111,7 @@ def main(
 def _run_job(task: Task, composed: DictConfig, label: str, headline: Callable[[dict[str, Any]], str]):
     """Run one job and say so; its metrics and its outcome."""
     try:
+        check_sums()
         config = to_config(composed)
         record, there_already = execute(task, config, label=label)
     except EXPECTED as error:

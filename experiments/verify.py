@@ -4,6 +4,8 @@
 
 Timings are not compared. Matrix products and sums differ in their last bits between processors, numbers of threads and
 versions of jax, so every experiment states a tolerance; training amplifies such bits, so its accuracies get a wide one.
+The bend radius of a straight cable is the inverse of next to nothing: it is compared as what it says of the axis, by how
+much it leaves the straight line over the cable's length, and within that number's own interval.
 """
 
 import argparse
@@ -14,12 +16,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from cablejax.jax_sums import check_sums
 from experiments import ROOT, diameter, schema, table1_filtering, table2_3_deviation, train
 from experiments.collect import flatten
 from experiments.results import Results
 from experiments.runs import Task
 
-UNTOLD = ("seconds", "history", "view", "test_confusion", "epoch", "loss", "counts")
+SAGITTA, SAGITTA_DOUBT = "bend_sagitta_mm", "bend_sagitta_doubt_mm"
+UNTOLD = (SAGITTA_DOUBT, "seconds", "history", "view", "test_confusion", "epoch", "loss", "counts")
 
 
 @dataclass(frozen=True)
@@ -51,15 +55,34 @@ SAMPLES: dict[str, Sample] = {
 
 def differences(committed: dict[str, Any], again: dict[str, Any], sample: Sample) -> list[str]:
     """Numbers that differ by more than the sample allows, one line each; timings and histories are passed over."""
-    old, new = flatten(committed), flatten(again)
+    old, new = flatten(with_sagitta(committed)), flatten(with_sagitta(again))
     told = []
     for key, value in old.items():
         if any(word in key for word in UNTOLD) or isinstance(value, bool) or not isinstance(value, int | float):
             continue
-        allowed = max(sample.absolute, sample.relative * abs(value))
+        doubt = old.get(key.replace(SAGITTA, SAGITTA_DOUBT), 0.0) if key.endswith(SAGITTA) else 0.0
+        allowed = max(sample.absolute, sample.relative * abs(value), doubt)
         if not abs(new.get(key, float("nan")) - value) <= allowed:
             told.append(f"{key}: committed {value:.6g}, now {new.get(key)}, allowed {allowed:.2g}")
     return told
+
+
+def with_sagitta(metrics: dict[str, Any]) -> dict[str, Any]:
+    """Bend radii, wherever they stand, as sagittas over the length, and half the width of their intervals; 0 for straight.
+
+    Example:
+        >>> bent = {"bend_radius_mm": 1e4, "bend_interval_mm": [8e3, 2e4], "length_mm": 400.0}
+        >>> with_sagitta({"raw": bent})["raw"]
+        {'length_mm': 400.0, 'bend_sagitta_mm': 2.0, 'bend_sagitta_doubt_mm': 0.75}
+    """
+    found: dict[str, Any] = {
+        key: with_sagitta(value) if isinstance(value, dict) else value for key, value in metrics.items()
+    }
+    if "bend_radius_mm" in found:
+        radius, ends, square = found.pop("bend_radius_mm"), found.pop("bend_interval_mm"), found["length_mm"] ** 2
+        found[SAGITTA] = 0.0 if radius is None else square / (8 * radius)
+        found[SAGITTA_DOUBT] = 0.0 if ends is None else abs(square / (8 * ends[0]) - square / (8 * ends[1])) / 2
+    return found
 
 
 def verify(results: Results, sample: Sample) -> list[str]:
@@ -91,6 +114,7 @@ def main(say: Callable[[str], None] = print) -> None:
     unknown = set(options.name) - set(SAMPLES)
     if unknown:
         parser.error(f"name: expected one of {', '.join(SAMPLES)}, got {', '.join(sorted(unknown))}")
+    check_sums()
     bad = False
     for name in options.name or SAMPLES:
         results = Results.read(options.results, name)

@@ -16,6 +16,10 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 
 import pytest
 
+from cablejax.jax_sums import set_flag
+
+set_flag()
+
 
 @pytest.fixture(scope="session")
 def data_dir() -> Path:

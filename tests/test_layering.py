@@ -11,20 +11,38 @@ PACKAGE = Path(__file__).resolve().parents[1] / "cablejax"
 
 ALLOWED = {
     "__main__": {"cli"},
-    "__init__": {"types"},
-    "types": set(),
+    "__init__": {"types", "jax_sums"},
+    "jax_sums": set(),
+    "compiled": set(),
+    "optional": set(),
+    "runtime": {"jax_sums", "compiled"},
+    "types": {"jax_sums"},
     "ops": {"types"},
     "registration": {"types", "ops"},
     "measure": {"types", "ops"},
     "simulate": {"types", "ops"},
     "nets": {"types", "ops"},
     "train": {"types", "ops", "registration", "measure", "simulate", "nets", "io"},
-    "io": {"types"},
-    "report": {"types"},
+    "io": {"types", "optional"},
+    "report": {"types", "optional"},
     "tiles": {"types", "ops", "io"},
-    "cli": {"types", "ops", "registration", "measure", "simulate", "nets", "train", "io", "report", "tiles"},
+    "cli": {"types", "ops", "registration", "measure", "simulate", "nets", "train", "io", "report", "tiles"}
+    | {"optional", "runtime", "jax_sums"},
 }
-HEAVY = ("open3d", "hydra", "omegaconf", "matplotlib", "plotly", "tensorboardX", "flax", "optax", "pye57", "laspy")
+HEAVY = (
+    "jax",
+    "numpy",
+    "open3d",
+    "hydra",
+    "omegaconf",
+    "matplotlib",
+    "plotly",
+    "tensorboardX",
+    "flax",
+    "optax",
+    "pye57",
+    "laspy",
+)
 
 
 def part_of(module: str) -> str | None:

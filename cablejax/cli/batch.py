@@ -10,6 +10,7 @@ from typing import Any
 
 from cablejax.cli.main import NoResultError
 from cablejax.cli.scans import check_output, make_folder, rows, say
+from cablejax.optional import require
 
 COLUMNS: tuple[str, ...] = (
     "file", "diameter_mm", "low_mm", "high_mm", "std_mm", "minimum_mm", "maximum_mm", "ovality", "length_mm",
@@ -35,6 +36,7 @@ def run_folder(options: argparse.Namespace, measure_one: Callable[[argparse.Name
 
         raise NoResultError(f"{folder}: is a folder without point files ({', '.join(READABLE)}, each also with .gz)")
     if options.report is not None:
+        require("jinja2", "plotly", "matplotlib", why="a report")
         make_folder(Path(options.report))
     done = []
     with _table_of(options.csv) as add:

@@ -4,6 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from cablejax.cli.capacity import padded
 from cablejax.cli.main import NoResultError
 from cablejax.cli.scans import WRITABLE, check_output, load, rows, save, say
 from cablejax.cli.streams import tell
@@ -31,23 +32,24 @@ def _whole(options: argparse.Namespace) -> dict[str, Any]:
 
     from cablejax.ops import clean, statistical_outliers
 
-    cloud = scan.cloud()
-    if len(scan.xyz_mm) <= options.neighbors:
+    cloud, n = padded(scan), len(scan.xyz_mm)
+    if n <= options.neighbors:
         raise NoResultError(
-            f"{options.scan}: too few points: {len(scan.xyz_mm)} where more than --neighbors {options.neighbors} are needed"
+            f"{options.scan}: too few points: {n} where more than --neighbors {options.neighbors} are needed"
         )
-    say(options, f"removing outliers from {len(scan.xyz_mm):,} points" + ("" if options.no_filter else ", smoothing"))
+    say(options, f"removing outliers from {n:,} points" + ("" if options.no_filter else ", smoothing"))
     xyz, width = cloud.xyz, None
     if options.no_filter:
-        rest = np.asarray(statistical_outliers(cloud, std_ratio=options.std_ratio).keep)
+        keep = statistical_outliers(cloud, std_ratio=options.std_ratio).keep
     else:
         result = clean(cloud, std_ratio=options.std_ratio, k=options.neighbors, order=options.order)
-        xyz, rest = result.xyz, np.asarray(result.keep)
-        width = float(np.mean(np.asarray(result.width, dtype=np.float64)[rest]))
-    moved = np.linalg.norm(np.asarray(xyz - cloud.xyz, dtype=np.float64)[rest], axis=1)
+        xyz, keep = result.xyz, result.keep
+        width = float(np.mean(np.asarray(result.width, dtype=np.float64)[np.asarray(keep)]))
+    xyz, before, rest = (np.asarray(array)[:n] for array in (xyz, cloud.xyz, keep))
+    moved = np.linalg.norm((xyz - before).astype(np.float64)[rest], axis=1)
     color = None if scan.color is None else scan.color[rest]
     intensity = None if scan.intensity is None else scan.intensity[rest]
-    out = np.asarray(xyz, dtype=np.float64)[rest] + scan.shift_mm
+    out = xyz[rest].astype(np.float64) + scan.shift_mm
     save(options.output, out, unit=scan.unit, color=color, intensity=intensity)
     return {
         "file": str(scan.path),

@@ -6,7 +6,11 @@ import json
 import warnings
 from collections.abc import Sequence
 
+from cablejax import __version__
 from cablejax.cli.streams import put_out, settle_streams, tell
+from cablejax.jax_sums import WrongSumsError, check_sums
+from cablejax.optional import MissingPackageError
+from cablejax.runtime import set_up_jax
 
 EXIT_OK, EXIT_NO_RESULT, EXIT_USAGE = 0, 1, 2
 INTERRUPTED = 130
@@ -199,8 +203,6 @@ COMMANDS = {
 
 def build_parser() -> argparse.ArgumentParser:
     """The command's arguments."""
-    from cablejax import __version__
-
     parser = argparse.ArgumentParser(
         prog="cablejax",
         description="Cable scans: clean, register, measure and simulate them.",
@@ -231,14 +233,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         options = build_parser().parse_args(arguments)
     except SystemExit as usage:  # after --help or --version, too, the disk may be full
         raise SystemExit(usage.code if usage.code or put_out() else EXIT_NO_RESULT) from None
-    module = importlib.import_module(f"cablejax.cli.{options.command}")
     with warnings.catch_warnings():
         warnings.showwarning = _warn_plainly
         try:
+            if options.command != "completion":
+                set_up_jax()
+                check_sums()
+            module = importlib.import_module(f"cablejax.cli.{options.command}")
             result = module.run(options)
             text = json.dumps(result, indent=2, allow_nan=False) if options.json else module.table(result)
             return EXIT_OK if put_out(text) else EXIT_NO_RESULT
-        except NoResultError as error:
+        except (NoResultError, MissingPackageError, WrongSumsError) as error:
             tell(f"cablejax: {error}")
         except KeyboardInterrupt:
             tell("cablejax: interrupted")

@@ -9,6 +9,7 @@ from cablejax.cli import batch, known
 from cablejax.cli.checkpoint import parts_of
 from cablejax.cli.main import NoResultError
 from cablejax.cli.scans import check_output, load, make_folder, rows, save_bytes, say
+from cablejax.optional import require
 
 
 def run(options: argparse.Namespace) -> dict[str, Any]:
@@ -27,6 +28,7 @@ def _one(options: argparse.Namespace) -> dict[str, Any]:
             f"--tolerance: expected LOW below HIGH, got {options.tolerance[0]:g} {options.tolerance[1]:g}"
         )
     if options.report is not None:
+        require("jinja2", "plotly", "matplotlib", why="a report")
         make_folder(Path(options.report).parent)
         check_output(options.report, (".html", ".htm"))
     sizes, settings = known.sizes(options.catalogue), known.settings(options)

@@ -6,12 +6,14 @@ from typing import Any
 
 from cablejax.cli.main import NoResultError
 from cablejax.cli.scans import WRITABLE, check_output, rows, save, save_bytes, say
+from cablejax.optional import require
 
 
 def run(options: argparse.Namespace) -> dict[str, Any]:
     """Simulate and write."""
     check_output(options.output, WRITABLE)
     if options.picture:
+        require("matplotlib", why="--picture")
         check_output(options.picture, (".png",))
     import jax
     import numpy as np

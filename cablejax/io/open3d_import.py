@@ -5,6 +5,8 @@ import importlib
 import sys
 from types import ModuleType
 
+from cablejax.optional import require
+
 MISSING = (
     "open3d cannot be imported ({reason}). It needs the system libraries libusb-1.0, libGL and libEGL; "
     "on Debian or Ubuntu: apt-get install libusb-1.0-0 libgl1 libegl1. Everything that does not use open3d still works."
@@ -18,8 +20,10 @@ def import_open3d() -> ModuleType:
         The module.
 
     Raises:
-        ImportError: If it cannot be imported, saying which system packages it needs.
+        ImportError: If it is not installed, naming the extra that brings it, or cannot be imported, naming the system
+            packages that it needs.
     """
+    require("open3d", why="a comparison with Open3D")
     try:
         return importlib.import_module("open3d")
     except ImportError as error:

@@ -13,6 +13,8 @@ import numpy as np
 from jaxtyping import Array, Num
 from numpy.typing import ArrayLike
 
+from cablejax.optional import require
+
 
 class RunLogger:
     """Write TensorBoard events into a folder; as a context manager it closes, errors or not.
@@ -182,6 +184,7 @@ class RunLogger:
 
 def _open_events(folder: Path) -> Any:
     """A new event file, whose name no other log of the same second shares."""
+    require("tensorboardX", why="a TensorBoard log")
     from tensorboardX.event_file_writer import EventsWriter
 
     folder.mkdir(parents=True, exist_ok=True)
@@ -242,6 +245,7 @@ def confusion_image(matrix: Num[Array | np.ndarray, "classes classes"], labels: 
     Raises:
         ValueError: If the number of labels is not C.
     """
+    require("matplotlib", why="a picture of a confusion matrix")
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

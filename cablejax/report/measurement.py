@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 
+from cablejax.optional import require
 from cablejax.report.page import Page
 from cablejax.report.scene import point_scene
 from cablejax.report.style import COLORS, figure_style
@@ -171,6 +172,7 @@ def _shape(m: Measured) -> list[list[str]]:
 
 
 def _figure(width: float, height: float) -> "Figure":
+    require("matplotlib", why="a figure")
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width, height))

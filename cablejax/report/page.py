@@ -5,6 +5,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from cablejax.optional import require
 from cablejax.report.style import data_uri, png_bytes
 
 if TYPE_CHECKING:
@@ -17,6 +18,7 @@ WORDY = 32  # a column with longer cells is set as text: to the left, and broken
 
 @cache
 def _template():
+    require("jinja2", "markupsafe", why="a report")
     import jinja2
 
     environment = jinja2.Environment(
@@ -104,6 +106,7 @@ class Page:
         """The page as one HTML document."""
         script = ""
         if self._needs_plotly:
+            require("plotly", why="an interactive scene")
             from plotly.offline import get_plotlyjs
 
             script = f"<script>{get_plotlyjs()}</script>"

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
+from cablejax.optional import require
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from plotly.graph_objects import Figure as Figure3D
@@ -46,6 +48,7 @@ def scene_figure(
         limit: Colours run from -limit to +limit.
         unit: Unit of the coordinates, for the axes.
     """
+    require("plotly", why="an interactive scene")
     import plotly.graph_objects as go
 
     names = list(clouds)
@@ -98,6 +101,7 @@ def scene_figure(
 
 def _points(xyz: np.ndarray, marker: dict[str, Any], *, name: str, visible: bool):
     """Thinned points as one trace; a colour per point is thinned along."""
+    require("plotly", why="an interactive scene")
     import plotly.graph_objects as go
 
     rows = thin(len(xyz))
@@ -124,6 +128,7 @@ def point_views(
     clouds: Mapping[str, tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, " n"]]], *, label: str, limit: float
 ) -> "Figure":
     """The same clouds side by side, seen along their second-longest direction, as a static figure."""
+    require("matplotlib", why="a figure")
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(6.6, 1.0 + 1.5 * len(clouds)))

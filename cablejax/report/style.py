@@ -7,6 +7,8 @@ from contextlib import contextmanager
 from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
+from cablejax.optional import require
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
@@ -18,6 +20,7 @@ LINES = ("-", "--", ":", "-.", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)), (0, (8, 2))
 @contextmanager
 def figure_style() -> Iterator[None]:
     """Matplotlib's settings for everything drawn inside the block; nothing global changes."""
+    require("matplotlib", "cycler", why="a figure")
     import matplotlib as mpl
     from cycler import cycler
 

@@ -1,0 +1,30 @@
+"""Clouds padded to a few capacities, so that a scan of another size runs the programs compiled for the last one."""
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from cablejax.io import PointFile
+    from cablejax.types import PointCloud
+
+LEAST = 2048
+PER_OCTAVE = 8  # at most an eighth of the rows is padding, a sixteenth on average
+
+
+def capacity(points: int) -> int:
+    """The least of the capacities that holds so many points: 2,048 and eight equal steps to each doubling.
+
+    Example:
+        >>> [capacity(n) for n in (1, 2048, 2049, 51_000, 53_135)]
+        [2048, 2048, 2304, 53248, 53248]
+    """
+    if points <= LEAST:
+        return LEAST
+    step = (1 << (points - 1).bit_length() - 1) // PER_OCTAVE
+    return -(-points // step) * step
+
+
+def padded(scan: "PointFile") -> "PointCloud":
+    """A scan as a cloud, as `PointFile.cloud` gives it, with invalid rows up to its capacity."""
+    from cablejax.types import PointCloud
+
+    return PointCloud.from_xyz(scan.xyz_mm - scan.shift_mm, capacity=capacity(len(scan.xyz_mm)))
