@@ -26,7 +26,7 @@ $(VENV)/.dev-stamp: requirements/dev.txt pyproject.toml | $(BIN)/python
 	@PYTHONWARNINGS=ignore $(PIP) install --no-deps --no-build-isolation -e .
 	@touch $@ $(VENV)/.run-stamp
 
-.PHONY: help setup setup-dev run test lint format check results reproduce verify tabulate tables paper-tables figures report notebooks lock clean
+.PHONY: help setup setup-dev run test lint format check results reproduce verify tabulate tables paper-tables figures report notebooks lab lock clean
 help: ## List every target
 	@grep -hE '^[a-zA-Z0-9_-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  %-22s %s\n", $$1, $$2}'
 	@printf "  %-22s Sweep and collect one table or figure (SIZE=smoke, quick or paper)\n" $(EXPERIMENTS)
@@ -116,6 +116,9 @@ report: $(VENV)/.run-stamp ## Make the HTML report from results/
 
 notebooks: $(VENV)/.dev-stamp ## Execute the notebooks on results/ and keep their output
 	@$(BIN)/python -m experiments.notebooks
+
+lab: $(VENV)/.dev-stamp ## Open the notebooks in Jupyter
+	@$(BIN)/jupyter lab --notebook-dir=.
 
 COMPILE := $(BIN)/uv pip compile pyproject.toml --python-version 3.11 --universal --generate-hashes \
 	--no-emit-index-url --no-emit-find-links --no-annotate --no-header --quiet
