@@ -15,7 +15,7 @@ from cablejax.train.config import TrainConfig
 from cablejax.train.history import EpochRecord
 from cablejax.train.memory import release_freed_memory
 from cablejax.train.metrics import Clouds, Metrics, arrays_of, has_regression, predict, score_all
-from cablejax.train.optimizers import OPTIMIZERS, make_optimizer
+from cablejax.train.optimizers import OPTIMIZERS, evaluation_params, make_optimizer
 from cablejax.train.placement import Placement
 from cablejax.train.step import Data, Schedule, StepReport, TrainState, make_runner, rate_at
 
@@ -118,7 +118,9 @@ class Engine:
 
     def weights(self, state: TrainState) -> tuple[Any, Any]:
         """`(params, rest)` to evaluate: the averaged parameters where there are any."""
-        return (state.params if state.ema is None else state.ema), state.rest
+        if state.ema is not None:
+            return state.ema, state.rest
+        return evaluation_params(state.opt_state, state.params), state.rest
 
     def evaluate(self, state: TrainState, split: Clouds) -> Metrics:
         """Metrics of the current weights on a split, in evaluation mode."""
