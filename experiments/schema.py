@@ -209,6 +209,8 @@ class TrainingConfig:
     warmup_epochs: float = 0.0  # the rate rises linearly over these
     clip_norm: float | None = None  # largest global norm of a gradient
     patience: int | None = None  # epochs without a better validation accuracy, after which a run stops
+    give_up_epoch: int | None = None  # a run stops there if its training loss was never below give_up_loss
+    give_up_loss: float = 0.0
     keep_best: bool = True  # False tests the last epoch's weights instead of those best on validation
     balanced: bool = True  # every batch holds about the same mix of classes
     ema_decay: float | None = None  # per update, of averaged weights; None evaluates the weights themselves
@@ -228,6 +230,8 @@ class TrainingConfig:
         _check(self.warmup_epochs >= 0, "training.warmup_epochs", "0 epochs or more", self.warmup_epochs)
         _check(self.clip_norm is None or self.clip_norm > 0, "training.clip_norm", "a positive norm", self.clip_norm)
         _check(self.patience is None or self.patience >= 1, "training.patience", "at least 1 epoch", self.patience)
+        _check(self.give_up_epoch is None or self.give_up_epoch >= 1, "training.give_up_epoch", "at least 1 epoch",
+               self.give_up_epoch)  # fmt: skip
         _check(self.ema_decay is None or 0 < self.ema_decay < 1, "training.ema_decay", "in (0, 1)", self.ema_decay)
         _check(0 <= self.label_smoothing < 1, "training.label_smoothing", "in [0, 1)", self.label_smoothing)
 
@@ -321,6 +325,7 @@ def register() -> None:
     """Make the schema, and the resolvers of conf/, known to Hydra under the names that conf/ uses."""
     OmegaConf.register_new_resolver("is_paper", lambda size: size == "paper", replace=True)
     OmegaConf.register_new_resolver("pretrained", pretrained, replace=True)
+    OmegaConf.register_new_resolver("trial_options", tuning.trial_options, replace=True)
     OmegaConf.register_new_resolver("trial_rate", tuning.trial_rate, replace=True)
     OmegaConf.register_new_resolver("tuned_rate", tuning.tuned_rate, replace=True)
     store = ConfigStore.instance()

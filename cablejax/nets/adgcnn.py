@@ -140,7 +140,9 @@ class ADGCNN(nnx.Module):
         taps = jax.vmap(lambda s, a, m: raster_taps(s, a, m, shape=shape, half_length=self.half_length))(
             posed.axial, posed.angle, mask
         )
-        fitted = [] if posed.radius is None else [posed.radius[..., None]]  # a pose without a fit must not bring it in here
+        fitted = (
+            [] if posed.radius is None else [posed.radius[..., None]]
+        )  # a pose without a fit must not bring it in here
         points = jnp.concatenate([*maps, *fitted], axis=-1)
         grid, occupancy = jax.vmap(lambda f, t: cylinder_raster(f, t, shape=shape))(points, taps)
         occupancy = occupancy / jnp.maximum(jnp.sum(occupancy, axis=(1, 2), keepdims=True), 1.0) * occupancy[0].size
