@@ -86,9 +86,14 @@ pretrain: $(VENV)/.run-stamp ## Train on ModelNet10 ($CABLEJAX_DATA), for fig13_
 	@$(BIN)/python -m experiments.pretrain size=$(SIZE)
 	@$(BIN)/python -m experiments.collect $@ --size $(SIZE)
 
+# The study of optimizers, hours in the background; docs/study.md. PART="standard_nofit standard_fit" for some of it, DRY=1 to see the cost.
+study: $(VENV)/.run-stamp ## Run what is missing of the study of optimizers (docs/study.md); PART=..., DRY=1 lists its cost
+	@$(BIN)/python -m experiments.study $(if $(PART),--part $(PART)) $(if $(DRY),--dry)
+	@$(if $(DRY),,$(BIN)/python -m experiments.study_results $(if $(PART),--part $(PART)))
+
 attention: $(VENV)/.run-stamp ## Channel attention of a trained network: RUN=folder of a finished run of fig8_adgcnn
 	@$(BIN)/python -m experiments.attention "$(RUN)"
-.PHONY: pretrain attention
+.PHONY: pretrain study attention
 
 results: $(OWN) $(TRAINED) figures ## Make the committed results anew (clean checkout; SIZE=paper for the long form)
 

@@ -10,6 +10,7 @@ WORDS = (REPRODUCED, IN_PART, NOT_REPRODUCED, INCONCLUSIVE, CANNOT_BE)
 HOLDS, REFUTED, NIL, OPEN = "holds", "refuted", "nil", "open"
 LEVEL = 0.05
 ACCURACY_MARGIN = 0.01  # a difference in accuracy that matters to nobody
+SPEED_FACTOR = 1.1  # likewise, of updates
 
 
 def outcome(found: Comparison, *, margin: float) -> str:

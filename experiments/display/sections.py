@@ -12,6 +12,8 @@ from experiments.display import (
     network_tables,
     optimizer_figures,
     optimizer_tables,
+    study_figures,
+    study_tables,
     transfer,
 )
 from experiments.display.drawing import Drawing
@@ -109,6 +111,18 @@ SECTIONS = (
         ("optimizer_search", "optimizer_study"),
         (of("optimizer_search", optimizer_tables.search), of("optimizer_study", optimizer_tables.study)),
         (of("optimizer_search", optimizer_figures.sensitivity), of("optimizer_study", optimizer_figures.study_bars)),
+    ),
+    Section(
+        "The study",
+        "Nine optimizers on clouds that are new in every epoch, tuned alike over rate and a second number, by a protocol written "
+        "before its results (docs/study.md).",
+        tuple(study_tables.TITLES),
+        tuple(
+            of(name, maker)
+            for name in study_tables.TITLES
+            for maker in (study_tables.arms_table, study_tables.against_table)
+        ),
+        (*(of(name, study_figures.curves) for name in study_tables.TITLES), study_figures.profiles),
     ),
     Section(
         "Ablation",
