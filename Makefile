@@ -88,8 +88,8 @@ pretrain: $(VENV)/.run-stamp ## Train on ModelNet10 ($CABLEJAX_DATA), for fig13_
 
 # The study of optimizers, hours in the background; docs/study.md. PART="standard_nofit standard_fit" for some of it, DRY=1 to see the cost.
 study: $(VENV)/.run-stamp ## Run what is missing of the study of optimizers (docs/study.md); PART=..., DRY=1 lists its cost
-	@$(BIN)/python -m experiments.study $(if $(PART),--part $(PART)) $(if $(DRY),--dry)
-	@$(if $(DRY),,$(BIN)/python -m experiments.study_results $(if $(PART),--part $(PART)))
+	@code=0; $(BIN)/python -m experiments.study $(if $(PART),--part $(PART)) $(if $(DRY),--dry) || code=$$?; \
+	$(if $(DRY),,[ $$code = 130 ] || $(BIN)/python -m experiments.study_results $(if $(PART),--part $(PART)) || true;) exit $$code
 
 attention: $(VENV)/.run-stamp ## Channel attention of a trained network: RUN=folder of a finished run of fig8_adgcnn
 	@$(BIN)/python -m experiments.attention "$(RUN)"

@@ -68,7 +68,9 @@ class Engine:
         """The state before the first update; its arrays are its own."""
         params, rest = jax.tree.map(jnp.copy, (self._params, self._rest))
         ema = None if self.config.ema_decay is None else jax.tree.map(jnp.copy, params)
-        opt_state = jax.tree.map(lambda x: jax.lax.convert_element_type(x, x.dtype), self.optimizer.init(params))
+        # Copied, for an optimizer may start from the parameters themselves, and a buffer can be donated once only.
+        start = self.optimizer.init(params)
+        opt_state = jax.tree.map(lambda x: jnp.copy(jax.lax.convert_element_type(x, x.dtype)), start)
         return self.placement.replicate(TrainState(params, rest, opt_state, ema, jnp.zeros((), jnp.int32)))
 
     def put(self, clouds: Clouds) -> Data:
