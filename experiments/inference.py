@@ -55,28 +55,32 @@ def wilson(successes: int, n: int) -> Interval:
     return Interval(share, 0.0 if successes == 0 else middle - half, 1.0 if successes == n else middle + half)
 
 
-def interquartile_mean(values: Sequence[float]) -> float:
-    """Mean of the middle half: the lowest and the highest quarter of the values, whole ones, are left out.
+def interquartile_mean(values: Sequence[float] | Float[np.ndarray, "... n"]) -> Any:
+    """Mean of the middle half along the last axis: the lowest and the highest quarter, whole values, are left out.
 
     Example:
-        >>> interquartile_mean([0.0, 1.0, 2.0, 100.0])
+        >>> float(interquartile_mean([0.0, 1.0, 2.0, 100.0]))
         1.5
     """
-    ordered = np.sort(_sample(values))
-    cut = len(ordered) // 4
-    return float(ordered[cut : len(ordered) - cut].mean())
+    ordered = np.sort(np.asarray(values, dtype=np.float64), axis=-1)
+    n = ordered.shape[-1]
+    return ordered[..., n // 4 : n - n // 4].mean(axis=-1)
 
 
-def bootstrap(values: Sequence[float], statistic: Callable[[Any], float] = interquartile_mean) -> Interval:
-    """A statistic with its percentile bootstrap 95 % interval.
+def mean(values: Sequence[float] | Float[np.ndarray, "... n"]) -> Any:
+    """Mean along the last axis."""
+    return np.mean(values, axis=-1)
+
+
+def bootstrap(values: Sequence[float], statistic: Callable[[Any], Any] = interquartile_mean) -> Interval:
+    """A statistic, which works along the last axis, with its percentile bootstrap 95 % interval.
 
     A mean of resampled values lies among them, so that shares keep an interval in [0, 1]; of a single value it is the point.
     """
     sample = _sample(values)
     rows = np.random.default_rng(0).integers(len(sample), size=(RESAMPLES, len(sample)))
-    drawn = np.sort([statistic(row) for row in sample[rows]])
-    low, high = np.quantile(drawn, (0.025, 0.975), method="inverted_cdf")
-    return Interval(statistic(sample.tolist()), float(low), float(high))
+    low, high = np.quantile(statistic(sample[rows]), (0.025, 0.975), method="inverted_cdf")
+    return Interval(float(statistic(sample)), float(low), float(high))
 
 
 class Comparison(NamedTuple):
@@ -102,9 +106,7 @@ def compare(first: Sequence[float], second: Sequence[float]) -> Comparison:
     if len(first) != len(second):
         raise ValueError(f"second: expected {len(first)} values, one for each of first, got {len(second)}")
     difference = _sample(first, "first") - _sample(second, "second")
-    return Comparison(
-        bootstrap(difference.tolist(), lambda v: float(np.mean(v))), sign_flip(difference), len(difference)
-    )
+    return Comparison(bootstrap(difference.tolist(), mean), sign_flip(difference), len(difference))
 
 
 def sign_flip(differences: Float[np.ndarray, " n"]) -> float:

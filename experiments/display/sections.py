@@ -12,6 +12,7 @@ from experiments.display import (
     network_tables,
     optimizer_figures,
     optimizer_tables,
+    short,
     study_figures,
     study_tables,
     transfer,
@@ -100,9 +101,17 @@ SECTIONS = (
         "Optimizers",
         "A small ADGCNN on simulated cables, trained under Adadelta and four other optimizers at stated learning rates, from "
         "random weights and from weights trained on another set.",
-        ("fig13_optimizers", "fig13_transfer"),
-        (of("fig13_optimizers", optimizer_tables.optimizers), of("fig13_transfer", transfer.table)),
-        (of("fig13_optimizers", optimizer_figures.optimizer_curves), of("fig13_transfer", transfer.curves)),
+        ("fig13_optimizers", "fig13_transfer", "fig13_short"),
+        (
+            of("fig13_short", short.table),
+            of("fig13_optimizers", optimizer_tables.optimizers),
+            of("fig13_transfer", transfer.table),
+        ),
+        (
+            of("fig13_short", short.curve),
+            of("fig13_optimizers", optimizer_figures.optimizer_curves),
+            of("fig13_transfer", transfer.curves),
+        ),
     ),
     Section(
         "Optimizers, tuned alike",

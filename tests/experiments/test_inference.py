@@ -34,7 +34,7 @@ def test_no_interval_of_a_share_leaves_its_range(n: int):
         found = wilson(successes, n)
         assert 0.0 <= found.low <= found.value <= found.high <= 1.0
         accuracy = [1.0] * successes + [0.0] * (n - successes)
-        for statistic in (inference.interquartile_mean, lambda v: float(np.mean(v))):
+        for statistic in (inference.interquartile_mean, inference.mean):
             if n < 100:
                 found = bootstrap(accuracy, statistic)
                 assert 0.0 <= found.low <= found.high <= 1.0
@@ -50,7 +50,7 @@ def test_interquartile_mean_leaves_whole_quarters_out():
 
 def test_bootstrap_of_a_mean_is_near_the_normal_interval():
     values = np.random.default_rng(1).normal(5.0, 2.0, 400)
-    found = bootstrap(values.tolist(), lambda v: float(np.mean(v)))
+    found = bootstrap(values.tolist(), inference.mean)
     half = 1.96 * values.std() / 20  # the standard error of a mean of 400
     # Of 10,000 resamples the quantiles' own error is a few hundredths of the half width.
     assert found.low == pytest.approx(values.mean() - half, abs=0.1 * half)
