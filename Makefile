@@ -42,7 +42,7 @@ ifdef SCAN
 run: $(VENV)/.run-stamp
 	@$(BIN)/cablejax measure "$(SCAN)" --unit $(UNIT) --report "runs/scans/$(basename $(notdir $(SCAN))).html"
 else
-run: $(VENV)/.run-stamp ## Do the main job (5 minutes); SCAN=path.ply UNIT=mm measures your own scan instead
+run: $(VENV)/.run-stamp ## Do the main job (a few minutes); SCAN=path.ply UNIT=mm measures your own scan instead
 	@$(BIN)/python -m experiments.main --size $(SIZE)
 endif
 

@@ -36,7 +36,7 @@ def curves(results: Results) -> Drawing | None:
     left.set_ylim(0, 1.02)
     right.set_title("(b) best of n trials, expected", loc="left", fontsize=10)
     right.set_xlabel("trials n")
-    figure.legend(*right.get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    figure.legend(*right.get_legend_handles_labels(), loc="outside lower center", ncols=3)
     title = TITLES[results.raw["experiment"]]
     return Drawing(
         results.raw["experiment"],
@@ -76,7 +76,7 @@ def profiles(found: dict[str, Results]) -> Drawing | None:
     ax.set_xlabel("updates to target, times the quickest arm's median")
     ax.set_ylabel("share of runs")
     ax.set_ylim(0, 1.02)
-    figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return Drawing(
         "study_profiles",
         figure,

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from cablejax.io import write_json
-from experiments import figures, readme, report, study, study_results
+from experiments import figures, readme, report, rules, study, study_results
 from experiments.display import network_tables, paper_tables, sections
 from experiments.display.table import Table
 from experiments.display.verdicts import CLAIMS, verdict_table
@@ -119,7 +119,10 @@ def test_every_claim_gets_a_verdict(folder: Path):
     assert table is not None
     assert len(table.rows) == len(CLAIMS) - 1  # the study's verdict on Figure 13 takes the place of the older one's
     verdicts = {row[0]: row[2] for row in table.rows}
-    assert verdicts["Figures 5-8: ADGCNN is more accurate than AlexNet, VGG-16 and ResNet50"] == "reproduced"
+    assert set(verdicts.values()) <= set(rules.WORDS)
+    assert (
+        verdicts["Figures 5-8: ADGCNN is more accurate than AlexNet, VGG-16 and ResNet50"] == "inconclusive"
+    )  # two seeds
     assert verdicts["Tables 2-3: the mean deviation goes from -0.2959 mm to 0.0008 mm"] == "not reproduced"
 
 
