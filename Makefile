@@ -25,7 +25,7 @@ $(VENV)/.dev-stamp: requirements/dev.txt pyproject.toml | $(BIN)/python
 	@PYTHONWARNINGS=ignore $(PIP) install --no-deps --no-build-isolation -e .
 	@touch $@ $(VENV)/.run-stamp
 
-.PHONY: help setup setup-dev run test test-portable lint format check results reproduce verify tabulate tables paper-tables figures report notebooks lock clean
+.PHONY: help setup setup-dev run test test-portable lint format check results reproduce verify tabulate tables paper-tables figures report notebooks lab lock clean
 help: ## List every target
 	@grep -hE '^[a-zA-Z0-9_-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  %-22s %s\n", $$1, $$2}'
 	@printf "  %-22s Sweep and collect one table or figure (SIZE=smoke, quick or paper)\n" $(EXPERIMENTS)
@@ -41,7 +41,7 @@ ifdef SCAN
 run: $(VENV)/.run-stamp
 	@$(BIN)/cablejax measure "$(SCAN)" --unit $(UNIT) --report "runs/scans/$(basename $(notdir $(SCAN))).html"
 else
-run: $(VENV)/.run-stamp ## Do the main job (5 minutes); SCAN=path.ply UNIT=mm measures your own scan instead
+run: $(VENV)/.run-stamp ## Do the main job (a few minutes); SCAN=path.ply UNIT=mm measures your own scan instead
 	@$(BIN)/python -m experiments.main --size $(SIZE)
 endif
 
@@ -96,9 +96,14 @@ pretrain: $(VENV)/.run-stamp ## Train on ModelNet10 ($CABLEJAX_DATA), for fig13_
 	@$(BIN)/python -m experiments.pretrain size=$(SIZE)
 	@$(BIN)/python -m experiments.collect $@ --size $(SIZE)
 
+# The study of optimizers, hours in the background; docs/study.md. PART="standard_nofit standard_fit" for some of it, DRY=1 to see the cost.
+study: $(VENV)/.run-stamp ## Run what is missing of the study of optimizers (docs/study.md); PART=..., DRY=1 lists its cost
+	@code=0; $(BIN)/python -m experiments.study $(if $(PART),--part $(PART)) $(if $(DRY),--dry) || code=$$?; \
+	$(if $(DRY),,[ $$code = 130 ] || $(BIN)/python -m experiments.study_results $(if $(PART),--part $(PART)) || true;) exit $$code
+
 attention: $(VENV)/.run-stamp ## Channel attention of a trained network: RUN=folder of a finished run of fig8_adgcnn
 	@$(BIN)/python -m experiments.attention "$(RUN)"
-.PHONY: pretrain attention
+.PHONY: pretrain study attention
 
 results: $(OWN) $(TRAINED) figures ## Make the committed results anew (clean checkout; SIZE=paper for the long form)
 
@@ -126,6 +131,9 @@ report: $(VENV)/.run-stamp ## Make the HTML report from results/
 
 notebooks: $(VENV)/.dev-stamp ## Execute the notebooks on results/ and keep their output
 	@$(BIN)/python -m experiments.notebooks
+
+lab: $(VENV)/.dev-stamp ## Open the notebooks in Jupyter
+	@$(BIN)/jupyter lab --notebook-dir=.
 
 COMPILE := $(BIN)/uv pip compile pyproject.toml --python-version 3.11 --universal --generate-hashes \
 	--no-emit-index-url --no-emit-find-links --no-annotate --no-header --quiet -c requirements/held.in

@@ -18,6 +18,7 @@ from cablejax.jax_sums import WrongSumsError, check_sums
 from cablejax.train import TrainingDiverged
 from cablejax.types import StatusError
 from experiments import ROOT, schema, sweep
+from experiments.keys import check_keys, without_advice
 from experiments.runs import Task, execute
 
 EXPECTED = (
@@ -27,8 +28,10 @@ EXPECTED = (
     StatusError,
     TrainingDiverged,
     WrongSumsError,
+    OSError,
 )  # a person's doing, worded in one line
 UNTOLD = ("experiment=", "launcher=", "sweeper=", "size=", "out=")  # the same in all jobs of a sweep
+TUNES = re.compile(r"\+{0,2}(hydra/)?sweeper=(?!basic$)")  # a sweeper that chooses trials by the last ones' outcome
 USAGE_ERROR = 2
 INTERRUPTED = 130
 
@@ -39,20 +42,24 @@ def to_config(composed: DictConfig) -> schema.Config:
     Raises:
         ValueError: Naming the key, what was expected and what came.
     """
+    check_keys(composed)
     config = OmegaConf.to_object(composed)
     assert isinstance(config, schema.Config)
     return config
 
 
 def one_line(error: BaseException) -> str:
-    """A configuration error in one line, without Hydra's search path and the schema's own options."""
+    """An error in one line: a configuration's without Hydra's search path and advice, the system's with its place."""
+    if isinstance(error, OSError) and error.strerror:  # Hydra's own are OSErrors too
+        place = "" if error.filename is None else f"{error.filename}: "
+        return f"{place}{error.strerror}"
     text = str(error).split("Config search path")[0]
     cause = error.__cause__
     if cause is not None and str(cause).split("\n")[0] not in text:
         text += ". " + str(cause).split("\n")[0]
     lines = [line.strip() for line in text.splitlines() if line.strip()]
     kept = [line for line in lines if not line.startswith(("object_type", "reference_type", "full_key"))]
-    return re.sub(r"\bschema_\w+ ", "", " ".join(kept))
+    return without_advice(re.sub(r"\bschema_\w+ ", "", " ".join(kept)))
 
 
 def main(
@@ -77,6 +84,11 @@ def main(
     schema.register()
     if not any(argument.startswith("experiment=") for argument in sys.argv[1:]):
         sys.argv.append(f"experiment={experiment}")
+
+    tuning = [argument for argument in sys.argv[1:] if TUNES.match(argument)]
+    if objective is None and tuning:
+        print(f"error: {tuning[0]}: nothing to tune, for only experiments.train has an objective", file=sys.stderr)
+        sys.exit(USAGE_ERROR)
 
     failed: list[str] = []  # of this process; those of other processes are in the sweep's summary
 

@@ -42,7 +42,7 @@ def read_records(folder: Path, *, revision: str | None = None) -> list[Record]:
     Raises:
         CollectError: If there is none, or if they come from several revisions.
     """
-    records = [read_json(path) for path in sorted(folder.glob(f"*/{RECORD}"))]
+    records = [_read(path) for path in sorted(folder.glob(f"*/{RECORD}"))]
     if revision is not None:
         records = [record for record in records if record["code_revision"] == revision]
     if not records:
@@ -54,6 +54,13 @@ def read_records(folder: Path, *, revision: str | None = None) -> list[Record]:
         counts = ", ".join(f"{count} at {name}" for name, count in sorted(revisions.items()))
         raise CollectError(f"mixed revisions in {folder}: {counts}. Run the sweep again or choose one with --revision")
     return records
+
+
+def _read(path: Path) -> Record:
+    try:
+        return read_json(path)
+    except ValueError as error:
+        raise CollectError(f"{path}: no record; the same sweep makes it anew ({error})") from error
 
 
 def cells(records: list[Record]) -> list[dict[str, Any]]:
@@ -140,7 +147,7 @@ def main(arguments: list[str] | None = None) -> None:
                 revision=options.revision,
                 allow_dirty=options.allow_dirty,
             )
-        except CollectError as error:
+        except (CollectError, OSError) as error:
             print(f"error: {error}", file=sys.stderr)
             sys.exit(1)
         print(path)

@@ -11,8 +11,12 @@ from experiments import ROOT
 TIMEOUT_S = 900
 
 
-def execute(path: Path) -> str:
-    """Run a notebook from the repository's root.
+def execute(path: Path, *, folder: Path = ROOT) -> str:
+    """Run a notebook.
+
+    Args:
+        path: The notebook.
+        folder: Working folder; the repository's root, where Jupyter would take the notebook's own.
 
     Returns:
         The executed notebook as JSON text, without the timestamps and versions that differ from run to run.
@@ -28,7 +32,7 @@ def execute(path: Path) -> str:
         notebook,
         timeout=TIMEOUT_S,
         startup_timeout=TIMEOUT_S,
-        resources={"metadata": {"path": str(ROOT)}},
+        resources={"metadata": {"path": str(folder)}},
         extra_arguments=["--Application.log_level=ERROR"],  # it warns that a kernel on this machine is not encrypted
     ).execute()
     for cell in notebook.cells:

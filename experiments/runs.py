@@ -4,9 +4,11 @@ import hashlib
 import json
 import re
 import shutil
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import asdict
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
@@ -41,14 +43,49 @@ def finished(folder: Path) -> dict[str, Any] | None:
     path = folder / RECORD
     if not path.is_file():
         return None
-    record = read_json(path)
-    return record if record["code_revision"] == code_revision() else None
+    record = _read(path)
+    return record if record is not None and record["code_revision"] == code_revision() else None
+
+
+def _read(path: Path) -> dict[str, Any] | None:
+    """A record that a run left; None, and the file set aside under another name, where it is none: a full disk empties files."""
+    try:
+        record = read_json(path)
+        if isinstance(record, dict) and "code_revision" in record:
+            return record
+    except ValueError:
+        pass
+    kept = _free(path.with_name(f"{path.name}.broken"))
+    path.rename(kept)
+    print(f"{path}: holds no record; kept as {kept.name} and made anew", file=sys.stderr, flush=True)
+    return None
+
+
+def _free(path: Path) -> Path:
+    """The path, or with a number behind it the first one that is not taken."""
+    names = chain([path.name], (f"{path.name}{i}" for i in count(2)))
+    return next(each for each in map(path.with_name, names) if not each.exists())
+
+
+def _clear(folder: Path) -> None:
+    """Empty a folder that other code began. Where it is not known which code did, it is kept under another name."""
+    begun = folder / BEGUN
+    if not folder.is_dir():
+        return
+    record = _read(begun) if begun.is_file() else None
+    if record is not None and record["code_revision"] == code_revision():
+        return
+    if any(folder.glob(f"{BEGUN}.broken*")):
+        folder.rename(_free(folder.with_name(f"{folder.name}.broken")))
+    else:
+        shutil.rmtree(folder)
 
 
 def execute(task: Task, cfg: Config, *, label: str = "") -> tuple[dict[str, Any], bool]:
     """Run a task in its folder, or return what an earlier run of the same code and configuration left.
 
-    A folder begun by other code is emptied first: its checkpoints belong to other numbers.
+    A folder begun by other code is emptied first: its checkpoints belong to other numbers. Records that cannot be read are
+    made anew and the old ones kept beside.
 
     Args:
         task: Takes the configuration and the run's folder, returns metrics that JSON can hold.
@@ -62,11 +99,12 @@ def execute(task: Task, cfg: Config, *, label: str = "") -> tuple[dict[str, Any]
     record = finished(folder)
     if record is not None:
         return record, True
-    begun = folder / BEGUN
-    if folder.is_dir() and (not begun.is_file() or read_json(begun)["code_revision"] != code_revision()):
-        shutil.rmtree(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    write_json(begun, {"code_revision": code_revision(), "config": identity(cfg)})
+    _clear(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ValueError(f"out: expected a folder that can be written, got {cfg.out} ({error.strerror})") from None
+    write_json(folder / BEGUN, {"code_revision": code_revision(), "config": identity(cfg)})
     start = time.perf_counter()
     metrics = task(cfg, folder)
     record = {

@@ -203,11 +203,18 @@ class TrainingConfig:
 
     epochs: int = 10
     batch_size: int = 24  # can be cut over 2, 3, 4, 6 or 8 devices
+    eval_batch_size: int = 32
+    steps_per_dispatch: int = 10  # at most so many steps a compiled call
     schedule: str = "cosine"
+    warmup_epochs: float = 0.0  # the rate rises linearly over these
+    clip_norm: float | None = None  # largest global norm of a gradient
+    patience: int | None = None  # epochs without a better validation accuracy, after which a run stops
+    give_up_epoch: int | None = None  # a run stops there if its training loss was never below give_up_loss
+    give_up_loss: float = 0.0
+    keep_best: bool = True  # False tests the last epoch's weights instead of those best on validation
     balanced: bool = True  # every batch holds about the same mix of classes
     ema_decay: float | None = None  # per update, of averaged weights; None evaluates the weights themselves
     label_smoothing: float = 0.0
-    log_every: int = 1
     test: bool = True  # False while tuning: the test split is touched once, by what was chosen on validation
     keep_diverged: bool = False  # True records a loss that is no number as accuracy 0 instead of stopping
     # Folder of another training run whose weights this one starts from, and parts of the network that stay as they are.
@@ -216,9 +223,15 @@ class TrainingConfig:
     precision: str = "float32"
 
     def __post_init__(self) -> None:
-        _check(self.epochs >= 1, "training.epochs", "at least 1 epoch", self.epochs)
         _check(self.batch_size >= 2, "training.batch_size", "at least 2 clouds (batch norm)", self.batch_size)
         _check(self.schedule in SCHEDULES, "training.schedule", f"one of {', '.join(SCHEDULES)}", self.schedule)
+        for name in ("epochs", "eval_batch_size", "steps_per_dispatch"):
+            _check(getattr(self, name) >= 1, f"training.{name}", "at least 1", getattr(self, name))
+        _check(self.warmup_epochs >= 0, "training.warmup_epochs", "0 epochs or more", self.warmup_epochs)
+        _check(self.clip_norm is None or self.clip_norm > 0, "training.clip_norm", "a positive norm", self.clip_norm)
+        _check(self.patience is None or self.patience >= 1, "training.patience", "at least 1 epoch", self.patience)
+        _check(self.give_up_epoch is None or self.give_up_epoch >= 1, "training.give_up_epoch", "at least 1 epoch",
+               self.give_up_epoch)  # fmt: skip
         _check(self.ema_decay is None or 0 < self.ema_decay < 1, "training.ema_decay", "in (0, 1)", self.ema_decay)
         _check(0 <= self.label_smoothing < 1, "training.label_smoothing", "in [0, 1)", self.label_smoothing)
 
@@ -268,6 +281,9 @@ GROUPS: dict[str, type] = {
 }
 
 
+RETIRED = ("training.log_every",)  # keys of results files made before they were taken away; nothing read them
+
+
 def from_flat(flat: dict[str, Any]) -> Config:
     """The configuration of a results file's run, from its dotted keys.
 
@@ -277,6 +293,8 @@ def from_flat(flat: dict[str, Any]) -> Config:
     """
     nested: dict[str, Any] = {}
     for key, value in flat.items():
+        if key in RETIRED:
+            continue
         *path, last = key.split(".")
         inner = nested
         for part in path:
@@ -307,6 +325,7 @@ def register() -> None:
     """Make the schema, and the resolvers of conf/, known to Hydra under the names that conf/ uses."""
     OmegaConf.register_new_resolver("is_paper", lambda size: size == "paper", replace=True)
     OmegaConf.register_new_resolver("pretrained", pretrained, replace=True)
+    OmegaConf.register_new_resolver("trial_options", tuning.trial_options, replace=True)
     OmegaConf.register_new_resolver("trial_rate", tuning.trial_rate, replace=True)
     OmegaConf.register_new_resolver("tuned_rate", tuning.tuned_rate, replace=True)
     store = ConfigStore.instance()

@@ -5,7 +5,7 @@ python -m experiments.train -m experiment=fig13_optimizers
 """
 
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,7 @@ from cablejax.train import Metrics, TrainConfig, TrainingDiverged, TrainResult, 
 from cablejax.types import PointCloud
 from experiments import app
 from experiments.baseline import baseline
-from experiments.schema import Config
+from experiments.schema import Config, TrainingConfig
 from experiments.schema import DatasetConfig as DatasetSchema
 
 FRESH_STREAM = 7  # apart from the streams of the fixed splits
@@ -80,21 +80,16 @@ def training_clouds(config: DatasetSchema) -> Split | Callable[[int], Split]:
 
 
 def training_config(cfg: Config) -> TrainConfig:
-    """The engine's settings; the epoch is chosen on validation."""
+    """The engine's settings."""
+    shared = {each.name for each in fields(TrainConfig)} & {each.name for each in fields(TrainingConfig)}
+    chosen = {name: getattr(cfg.training, name) for name in shared - {"frozen"}}
     return TrainConfig(
         optimizer=cfg.optimizer.name,
         learning_rate=cfg.optimizer.learning_rate,
         optimizer_options=dict(cfg.optimizer.options),
-        epochs=cfg.training.epochs,
-        batch_size=cfg.training.batch_size,
-        balanced=cfg.training.balanced,
-        schedule=cfg.training.schedule,
-        ema_decay=cfg.training.ema_decay,
-        label_smoothing=cfg.training.label_smoothing,
         seed=cfg.seed,
-        keep_best=True,
         frozen=tuple(cfg.training.frozen),
-        precision=cfg.training.precision,
+        **chosen,
     )
 
 

@@ -6,20 +6,33 @@ from cablejax.io import read_json
 from experiments import ROOT
 
 SEARCH = "optimizer_search"
+# The second number of each optimizer's search space, from and to; memories are drawn log-uniformly in their distance from 1.
+SPACES: dict[str, tuple[str, float, float]] = {
+    "sgd": ("momentum", 0.5, 0.99),
+    "mbgd": ("momentum", 0.5, 0.99),
+    "adadelta": ("rho", 0.8, 0.99),
+    "adagrad": ("initial_accumulator_value", 0.001, 1.0),
+    "rmsprop": ("decay", 0.8, 0.999),
+    "adam": ("b1", 0.8, 0.99),
+    "schedule_free": ("b1", 0.8, 0.99),
+    "adamw": ("weight_decay", 0.0001, 0.1),
+    "muon": ("beta", 0.8, 0.99),
+}
+MEMORIES = ("momentum", "rho", "decay", "b1", "beta")
 
 
-def van_der_corput(index: int) -> float:
-    """The radical inverse in base 2: each new number falls into the widest gap left by those before.
+def van_der_corput(index: int, base: int = 2) -> float:
+    """The radical inverse: each new number falls into the widest gap left by those before.
 
     Example:
         >>> [van_der_corput(i) for i in range(1, 6)]
         [0.5, 0.25, 0.75, 0.125, 0.625]
     """
-    number, share = 0.0, 0.5
+    number, share = 0.0, 1.0 / base
     while index:
-        number += share * (index & 1)
-        index >>= 1
-        share /= 2
+        index, digit = divmod(index, base)
+        number += share * digit
+        share /= base
     return number
 
 
@@ -32,6 +45,22 @@ def trial_rate(lowest: float, highest: float, trial: int) -> float:
     """
     rate = lowest * (highest / lowest) ** van_der_corput(trial + 1)
     return float(f"{rate:.4g}")
+
+
+def trial_options(optimizer: str, trial: int) -> dict[str, float]:
+    """The second number of a trial: the other axis of a Halton sequence, of which `trial_rate` is the first.
+
+    Example:
+        >>> [trial_options("mbgd", i) for i in range(2)]
+        [{'momentum': 0.8643}, {'momentum': 0.9632}]
+    """
+    name, lowest, highest = SPACES[optimizer]
+    place = van_der_corput(trial + 1, base=3)
+    if name in MEMORIES:
+        value = 1.0 - (1.0 - lowest) * ((1.0 - highest) / (1.0 - lowest)) ** place
+    else:
+        value = lowest * (highest / lowest) ** place
+    return {name: float(f"{value:.4g}")}
 
 
 def best_accuracies(search: dict) -> dict[str, dict[float, float]]:

@@ -16,8 +16,6 @@ from cablejax.nets.init import lecun_normal
 from cablejax.nets.pose import PosedClouds, pose_channels, pose_clouds
 from cablejax.ops.raster import cylinder_raster, raster_taps, sample_raster
 
-RASTER_EXTRAS = 2  # radius and occupancy
-
 
 class ADGCNN(nnx.Module):
     """Classify cable clouds by size, Figure 1.
@@ -35,7 +33,7 @@ class ADGCNN(nnx.Module):
         widths: Channels of the edge convolutions.
         raster_shape: Cells of the raster, (axial, angular).
         raster_width: Channels of the raster's convolutions.
-        half_length_mm: Half the length of cable that the raster covers.
+        half_length_mm: Half the length of cable that the raster covers; points beyond it get nothing from the raster.
         scale_mm: Length that becomes 1 at the input.
         shared_width: Channels of the shared layer before pooling.
         head: Channels of the classifier's hidden layers.
@@ -81,6 +79,7 @@ class ADGCNN(nnx.Module):
             RasterStage(
                 (sum(widths[: self.shallow]), sum(widths[self.shallow :])),
                 sum(widths),
+                extras=2 if pose == "cylinder" else 1,
                 width=raster_width,
                 enhancement=enhancement,
                 fusion=fusion,
@@ -141,12 +140,16 @@ class ADGCNN(nnx.Module):
         taps = jax.vmap(lambda s, a, m: raster_taps(s, a, m, shape=shape, half_length=self.half_length))(
             posed.axial, posed.angle, mask
         )
-        points = jnp.concatenate([*maps, posed.radius[..., None]], axis=-1)
+        fitted = (
+            [] if posed.radius is None else [posed.radius[..., None]]
+        )  # a pose without a fit must not bring it in here
+        points = jnp.concatenate([*maps, *fitted], axis=-1)
         grid, occupancy = jax.vmap(lambda f, t: cylinder_raster(f, t, shape=shape))(points, taps)
         occupancy = occupancy / jnp.maximum(jnp.sum(occupancy, axis=(1, 2), keepdims=True), 1.0) * occupancy[0].size
-        extras = jnp.concatenate([grid[..., -1:], occupancy[..., None]], axis=-1)
-        split = sum(each.shape[-1] for each in maps[: self.shallow])
-        return jax.vmap(sample_raster)(self.raster(grid[..., :split], grid[..., split:-1], extras), taps)
+        ends = [sum(each.shape[-1] for each in maps[:count]) for count in (self.shallow, len(maps))]
+        shallow, deep, radius = jnp.split(grid, ends, axis=-1)
+        extras = jnp.concatenate([radius, occupancy[..., None]], axis=-1)
+        return jax.vmap(sample_raster)(self.raster(shallow, deep, extras), taps)
 
 
 class RasterStage(nnx.Module):
@@ -155,6 +158,7 @@ class RasterStage(nnx.Module):
     Args:
         in_features: Channels of the shallow and of the deep map.
         features: Channels of the result.
+        extras: Channels beside each map: how densely the cells are filled, and the fitted radius where there is a fit.
         width: Channels of the convolutions in between.
         enhancement: Whether the maps are enhanced.
         fusion: Whether they are fused by dilated branches; if not, by a 1x1 convolution alone.
@@ -165,12 +169,13 @@ class RasterStage(nnx.Module):
         in_features: tuple[int, int],
         features: int,
         *,
+        extras: int,
         width: int,
         enhancement: bool,
         fusion: bool,
         rngs: nnx.Rngs,
     ):
-        shallow, deep = (each + RASTER_EXTRAS for each in in_features)
+        shallow, deep = (each + extras for each in in_features)
         self.enhance_shallow = FeatureEnhancement(shallow, width, rngs=rngs) if enhancement else None
         self.enhance_deep = FeatureEnhancement(deep, width, rngs=rngs) if enhancement else None
         joined = 2 * width if enhancement else shallow + deep
@@ -178,7 +183,7 @@ class RasterStage(nnx.Module):
         self.mix = None if fusion else nnx.Linear(joined, features, kernel_init=lecun_normal, rngs=rngs)
 
     def __call__(
-        self, shallow: Float[Array, "b h w c"], deep: Float[Array, "b h w d"], extras: Float[Array, "b h w 2"]
+        self, shallow: Float[Array, "b h w c"], deep: Float[Array, "b h w d"], extras: Float[Array, "b h w e"]
     ) -> Float[Array, "b h w f"]:
         """The raster's features, for the points to sample."""
         maps = [jnp.concatenate([each, extras], axis=-1) for each in (shallow, deep)]

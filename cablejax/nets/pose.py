@@ -20,16 +20,17 @@ class PosedClouds(NamedTuple):
 
     Attributes:
         features: Coordinates, and for the pose "cylinder" the radius as a fourth channel `[b, n, 3 or 4]`.
-        axial: Position along the axis `[b, n]`, in scales.
+        axial: Position along the axis `[b, n]`, in scales. Axis and angle are those of the fitted cylinder for the pose
+            "cylinder", of the principal frame for the others, which know of no fit.
         angle: Angle about the axis `[b, n]`, radians.
-        radius: Distance from the axis `[b, n]`, standardised by `RADIUS_MM` and `RADIUS_SPREAD_MM`; 0 on padding and where
-            no cylinder was found.
+        radius: Distance from the cylinder's axis `[b, n]`, standardised by `RADIUS_MM` and `RADIUS_SPREAD_MM`; 0 on padding
+            and where no cylinder was found. None for the poses without a fit.
     """
 
     features: Float[Array, "b n c"]
     axial: Float[Array, "b n"]
     angle: Float[Array, "b n"]
-    radius: Float[Array, "b n"]
+    radius: Float[Array, "b n"] | None
 
 
 def pose_channels(pose: str) -> int:
@@ -55,15 +56,15 @@ def pose_clouds(xyz: Float[Array, "b n 3"], mask: Bool[Array, "b n"], *, pose: s
         scale_mm: Length that becomes 1.
     """
     pose_channels(pose)
-    frame = jax.vmap(cylinder_frame)(xyz, mask)
-    axial, radius = frame.axial / scale_mm, frame.radius / scale_mm
-    standard = jnp.where(frame.radius > 0, (frame.radius - RADIUS_MM) / RADIUS_SPREAD_MM, 0.0)
     if pose == "cylinder":
+        frame = jax.vmap(cylinder_frame)(xyz, mask)
+        axial, radius = frame.axial / scale_mm, frame.radius / scale_mm
+        standard = jnp.where(frame.radius > 0, (frame.radius - RADIUS_MM) / RADIUS_SPREAD_MM, 0.0)
         across = [radius * jnp.cos(frame.angle), radius * jnp.sin(frame.angle)]
-        features = jnp.stack([axial, *across, standard], axis=-1)
-    else:
-        centroid, rotation = jax.vmap(principal_frame)(xyz, mask)
-        features = jnp.where(mask[..., None], xyz - centroid[:, None, :], 0.0) / scale_mm
-        if pose == "principal":
-            features = jnp.einsum("bni,bji->bnj", features, rotation)
-    return PosedClouds(features, axial, frame.angle, standard)
+        return PosedClouds(jnp.stack([axial, *across, standard], axis=-1), axial, frame.angle, standard)
+    centroid, rotation = jax.vmap(principal_frame)(xyz, mask)
+    centred = jnp.where(mask[..., None], xyz - centroid[:, None, :], 0.0) / scale_mm
+    turned = jnp.einsum("bni,bji->bnj", centred, rotation)
+    still = jax.lax.stop_gradient(turned)  # as for the fit: where a point falls on the raster is not learnt
+    angle = jnp.where(mask, jnp.arctan2(still[..., 1], still[..., 2]), 0.0)
+    return PosedClouds(turned if pose == "principal" else centred, still[..., 0], angle, None)

@@ -29,6 +29,9 @@ class TrainConfig:
         ema_decay: Decay per update of the averaged weights that are evaluated and returned; None evaluates the weights
             themselves.
         patience: Stop after this many epochs without a better validation accuracy; None runs to the end.
+        give_up_epoch: Stop after this many epochs where the training loss of none of them was below `give_up_loss`; None never
+            gives up. For tuning: what has not begun to learn by then rarely does.
+        give_up_loss: See there; nats.
         keep_best: Return the weights of the epoch with the best validation accuracy (of equals the lowest loss), not the
             last ones.
         frozen: Parts of the network whose parameters stay as they are, by dotted name ("layers", "layers.0"); their
@@ -53,6 +56,8 @@ class TrainConfig:
     clip_norm: float | None = None
     ema_decay: float | None = None
     patience: int | None = None
+    give_up_epoch: int | None = None
+    give_up_loss: float = 0.0
     keep_best: bool = False
     frozen: tuple[str, ...] = ()
     precision: str = "float32"
@@ -78,5 +83,7 @@ class TrainConfig:
             raise ValueError(f"ema_decay: expected a number between 0 and 1, or None, got {self.ema_decay}")
         if self.warmup_epochs < 0:
             raise ValueError(f"warmup_epochs: expected 0 or more, got {self.warmup_epochs}")
-        if self.patience is not None and self.patience < 1:
-            raise ValueError(f"patience: expected 1 or more, or None, got {self.patience}")
+        for name in ("patience", "give_up_epoch"):
+            value = getattr(self, name)
+            if value is not None and value < 1:
+                raise ValueError(f"{name}: expected 1 or more, or None, got {value}")

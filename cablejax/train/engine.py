@@ -15,7 +15,7 @@ from cablejax.train.config import TrainConfig
 from cablejax.train.history import EpochRecord
 from cablejax.train.memory import release_freed_memory
 from cablejax.train.metrics import Clouds, Metrics, arrays_of, has_regression, predict, score_all
-from cablejax.train.optimizers import OPTIMIZERS, make_optimizer
+from cablejax.train.optimizers import OPTIMIZERS, evaluation_params, make_optimizer
 from cablejax.train.placement import Placement
 from cablejax.train.step import Data, Schedule, StepReport, TrainState, make_runner, rate_at
 
@@ -68,7 +68,9 @@ class Engine:
         """The state before the first update; its arrays are its own."""
         params, rest = jax.tree.map(jnp.copy, (self._params, self._rest))
         ema = None if self.config.ema_decay is None else jax.tree.map(jnp.copy, params)
-        opt_state = jax.tree.map(lambda x: jax.lax.convert_element_type(x, x.dtype), self.optimizer.init(params))
+        # Copied, for an optimizer may start from the parameters themselves, and a buffer can be donated once only.
+        start = self.optimizer.init(params)
+        opt_state = jax.tree.map(lambda x: jnp.copy(jax.lax.convert_element_type(x, x.dtype)), start)
         return self.placement.replicate(TrainState(params, rest, opt_state, ema, jnp.zeros((), jnp.int32)))
 
     def put(self, clouds: Clouds) -> Data:
@@ -118,7 +120,9 @@ class Engine:
 
     def weights(self, state: TrainState) -> tuple[Any, Any]:
         """`(params, rest)` to evaluate: the averaged parameters where there are any."""
-        return (state.params if state.ema is None else state.ema), state.rest
+        if state.ema is not None:
+            return state.ema, state.rest
+        return evaluation_params(state.opt_state, state.params), state.rest
 
     def evaluate(self, state: TrainState, split: Clouds) -> Metrics:
         """Metrics of the current weights on a split, in evaluation mode."""

@@ -81,3 +81,8 @@ def best_epoch(history: Sequence[EpochRecord]) -> int:
 def out_of_patience(history: Sequence[EpochRecord], patience: int | None) -> bool:
     """Whether `patience` epochs have passed since the best one."""
     return patience is not None and bool(history) and len(history) - best_epoch(history) >= patience
+
+
+def given_up(history: Sequence[EpochRecord], epoch: int | None, loss: float) -> bool:
+    """Whether so many epochs have passed, and in none of them the training loss was below `loss`."""
+    return epoch is not None and len(history) >= epoch and min(each.train_loss for each in history) >= loss

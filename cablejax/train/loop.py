@@ -14,7 +14,7 @@ from cablejax.io.tensorboard import RunLogger
 from cablejax.train.batches import make_plan
 from cablejax.train.config import TrainConfig
 from cablejax.train.engine import Engine, TrainingDiverged
-from cablejax.train.history import EpochRecord, best_epoch, out_of_patience
+from cablejax.train.history import EpochRecord, best_epoch, given_up, out_of_patience
 from cablejax.train.metrics import Clouds
 from cablejax.train.pictures import log_attention, log_clouds
 from cablejax.train.placement import Placement
@@ -101,6 +101,8 @@ def fit(
     with bar:
         for epoch in range(len(history), config.epochs):
             if out_of_patience(history, config.patience):
+                break
+            if given_up(history, config.give_up_epoch, config.give_up_loss):
                 break
             if callable(train) and epoch > 0:
                 data = engine.put(train(epoch))

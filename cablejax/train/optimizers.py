@@ -5,7 +5,9 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
+import jax
 import optax
+from optax.contrib import ScheduleFreeState, schedule_free_eval_params
 
 
 class Recipe(NamedTuple):
@@ -16,12 +18,14 @@ class Recipe(NamedTuple):
         options: The options' defaults.
         learning_rate: A rate that trains ADGCNN on cables; a starting point for tuning, never applied silently.
         full_set: Whether one update takes the gradient of the whole training set.
+        static: Options and parameters of `factory` that are no arrays.
     """
 
     factory: Callable[..., optax.GradientTransformation]
     options: Mapping[str, Any]
     learning_rate: float
     full_set: bool = False
+    static: tuple[str, ...] = ()
 
 
 OPTIMIZERS: Mapping[str, Recipe] = MappingProxyType(
@@ -35,6 +39,14 @@ OPTIMIZERS: Mapping[str, Recipe] = MappingProxyType(
         "rmsprop": Recipe(optax.rmsprop, {"decay": 0.9, "eps": 1e-8}, 0.001),
         "adam": Recipe(optax.adam, {"b1": 0.9, "b2": 0.999, "eps": 1e-8}, 0.001),
         "adamw": Recipe(optax.adamw, {"b1": 0.9, "b2": 0.999, "eps": 1e-8, "weight_decay": 0.01}, 0.001),
+        # Newton-Schulz orthogonalised momentum for matrices, Adam for the rest (Jordan et al., 2024).
+        "muon": Recipe(optax.contrib.muon, {"beta": 0.95, "weight_decay": 0.0}, 0.02, static=("ns_steps",)),
+        # Defazio et al., 2024; it stands for a schedule, so that the rate is best left constant behind its warm-up.
+        "schedule_free": Recipe(
+            optax.contrib.schedule_free_adamw,
+            {"b1": 0.9, "b2": 0.999, "eps": 1e-8, "weight_decay": 0.0},
+            0.0025,
+        ),
     }
 )
 
@@ -77,7 +89,18 @@ def make_optimizer(
         inner = recipe.factory(learning_rate, **chosen)
         return inner if clip_norm is None else optax.chain(optax.clip_by_global_norm(clip_norm), inner)
 
-    static = tuple(key for key, value in options.items() if isinstance(value, bool))
+    static = (*recipe.static, *(key for key, value in options.items() if isinstance(value, bool)))
     return optax.inject_hyperparams(clipped, static_args=static)(
         learning_rate=learning_rate, **{**recipe.options, **options}
     )
+
+
+def evaluation_params(opt_state: Any, params: Any) -> Any:
+    """The parameters to evaluate: the running average where the optimizer is schedule-free, else those that it updates."""
+    leaves = jax.tree.leaves(opt_state, is_leaf=_is_schedule_free)
+    found = [leaf for leaf in leaves if _is_schedule_free(leaf)]
+    return schedule_free_eval_params(found[0], params) if found else params
+
+
+def _is_schedule_free(node: Any) -> bool:
+    return isinstance(node, ScheduleFreeState)

@@ -38,7 +38,7 @@ def fit_together(
         models: m models of one architecture, with initial weights of their own.
         train: Labelled clouds, the same for all.
         validation: Clouds that choose each run's best epoch; None trains without.
-        config: Settings of all; `patience` is not looked at.
+        config: Settings of all; `patience` and `give_up_epoch` are not looked at.
         seeds: Order of the clouds in each run `[m]`; None takes `config.seed` for all.
         learning_rates: Rate of each run `[m]`; None takes `config.learning_rate` for all.
         progress: Show a progress bar where the output is a terminal.

@@ -17,7 +17,7 @@ VARIANTS = {
     "points128": "128 points",
     "points512": "512 points",
     "filtered": "filtered clouds",
-    "pose_none": "no fitted cylinder in the input",
+    "pose_none": "no radius of a fit among the points' channels",
 }
 
 

@@ -2,16 +2,18 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from experiments import paper
+from experiments import paper, rules
+from experiments.display import study_tables
 from experiments.display.filtering_tables import FILTERS, NOISES
 from experiments.display.network_tables import NETWORKS
 from experiments.display.table import Table
+from experiments.inference import Comparison, compare, compare_all
 from experiments.results import NAMES, Results
 from experiments.statistics import Estimate, estimate, fluctuation, paired_difference
 
-YES, PARTLY, NO, CANNOT = "reproduced", "in part", "not reproduced", "cannot be"
+YES, PARTLY, NO, CANNOT = rules.REPRODUCED, rules.IN_PART, rules.NOT_REPRODUCED, rules.CANNOT_BE
 LEFT_TO_THE_EYE = 0.99  # recall of removal above which a picture shows no stray point
 Found = dict[str, Results]
 
@@ -108,6 +110,7 @@ def tolerance(found: Found) -> Verdict:
 
 def best_network(found: Found) -> Verdict:
     accuracy = {name: found[name].mean("test_overall") for name in NETWORKS}
+    word = rules.verdict(_against({name: _tested(found[name]) for name in NETWORKS}, "fig8_adgcnn").values())
     own = accuracy.pop("fig8_adgcnn")
     rival = max(accuracy, key=lambda name: accuracy[name].mean)
     name = NAMES[found[rival].config("model.name")]
@@ -118,31 +121,27 @@ def best_network(found: Found) -> Verdict:
         "Figures 5-8: ADGCNN is more accurate than AlexNet, VGG-16 and ResNet50",
         f"ADGCNN {own.format(3)} after {epochs['fig8_adgcnn']} epochs, {name}, the best of the others, "
         f"{accuracy[rival].format(3)} after {epochs[rival]}" + alike,
-        CANNOT
-        if alike
-        else NO
-        if own.mean <= accuracy[rival].mean
-        else YES
-        if len(set(epochs.values())) == 1
-        else PARTLY,
+        CANNOT if alike else word,
     )
 
 
 def smoothest_network(found: Found) -> Verdict:
-    told, least = [], []
+    told, compared = [], []
     for kind in ("training", "validation"):
         key = "train_loss" if kind == "training" else "validation_loss"
-        rough = {
-            name: estimate([fluctuation([epoch[key] for epoch in row["history"]]) for row in found[name].rows()]).mean
-            for name in NETWORKS
+        each = {
+            name: [fluctuation([e[key] for e in row["history"]]) for row in found[name].rows()] for name in NETWORKS
         }
-        least.append(min(rough, key=rough.__getitem__) == "fig8_adgcnn")
+        compared += _against(
+            {name: [-value for value in values] for name, values in each.items()}, "fig8_adgcnn"
+        ).values()
+        rough = {name: estimate(values).mean for name, values in each.items()}
         each = ", ".join(f"{NAMES[found[name].config('model.name')]} {value:.4f}" for name, value in rough.items())
         told.append(f"{kind}: {each} nats")
     return Verdict(
         "Figures 9-12: ADGCNN's loss fluctuates least",
         "; ".join(told),
-        YES if all(least) else PARTLY if any(least) else NO,
+        rules.verdict(compared, margin=0.0),
     )
 
 
@@ -154,16 +153,24 @@ def best_optimizer(found: Found) -> Verdict:
         for name in ("sgd", "mbgd", "adagrad", "rmsprop")
     }
     gains = {name: paired_difference(own, other)[0] for name, other in rivals.items()}
-    ahead = [name for name, gain in gains.items() if gain.mean > gain.half_width]
+    compared = compare_all(own, rivals)
+    ahead = [
+        name for name, each in compared.items() if rules.outcome(each, margin=rules.ACCURACY_MARGIN) == rules.HOLDS
+    ]
     least = min(gains, key=lambda name: gains[name].mean)
     keras = results.mean("test_overall", optimizer__name="adadelta", rates="keras")
     return Verdict(
         f"Figure 13: choosing Adadelta raises the accuracy from {paper.ACCURACY_BEFORE} to {paper.ACCURACY_AFTER}",
-        f"tuned alike, Adadelta reaches {estimate(own).format(3)}, ahead of {len(ahead)} of 4 others by more than the "
-        f"95 % interval; against {NAMES[least]} the gain is {gains[least].format(3)}. "
+        f"tuned alike, Adadelta reaches {estimate(own).format(3)}, surely ahead of {len(ahead)} of 4 others "
+        f"(permutation test over {len(own)} seeds, Holm); against {NAMES[least]} the gain is {gains[least].format(3)}. "
         f"At Keras' rate of 0.001 Adadelta reaches {keras.format(3)}",
-        {4: YES, 0: NO}.get(len(ahead), PARTLY),
+        rules.verdict(compared.values()),
     )
+
+
+def best_optimizer_fresh(found: Found) -> Verdict:
+    """By the study's rules, see docs/study.md."""
+    return Verdict(*study_tables.claim(found["study_standard_nofit"]))
 
 
 def loss_falls(found: Found) -> Verdict:
@@ -202,19 +209,20 @@ def filter_helps(found: Found) -> Verdict:
     return Verdict(
         "Section IV.A: filtering secures what is learnt from the points afterwards",
         f"ADGCNN on filtered instead of raw clouds gains {gain.format(3)} in test accuracy",
-        YES if _beyond_interval(gain) and gain.mean > 0 else NO,
+        rules.verdict([compare(*_pair(found["ablation"], "filtered", "full"))]),
     )
 
 
 def parts_help(found: Found) -> Verdict:
     parts = {"no_attention": "attention", "no_enhancement": "enhancement", "no_fusion": "fusion"}
     gains = {name: _gain(found["ablation"], "full", variant) for variant, name in parts.items()}
-    ahead = [name for name, gain in gains.items() if _beyond_interval(gain) and gain.mean > 0]
+    removed = {variant: _pair(found["ablation"], "full", variant)[1] for variant in parts}
+    compared = compare_all(_pair(found["ablation"], "full", "full")[0], removed)
     return Verdict(
         "Section III.A: channel attention, feature enhancement and feature fusion serve to extract the size better",
         "gain in test accuracy over the network without: "
         + ", ".join(f"{name} {gain.format(3)}" for name, gain in gains.items()),
-        {len(parts): YES, 0: NO}.get(len(ahead), PARTLY),
+        rules.verdict(compared.values()),
     )
 
 
@@ -232,13 +240,22 @@ def final_accuracy(found: Found) -> Verdict:
 
 def _gain(results: Results, better: str, worse: str) -> Estimate:
     """Difference in test accuracy between two variants, paired by seed."""
-    first, second = ([row["test_overall"] for row in results.rows(variant=name)] for name in (better, worse))
-    return paired_difference(first, second)[0]
+    return paired_difference(*_pair(results, better, worse))[0]
 
 
-def _beyond_interval(gain: Estimate) -> bool:
-    """Whether a difference is larger than its 95 % interval; one seed says nothing."""
-    return abs(gain.mean) > gain.half_width
+def _pair(results: Results, first: str, second: str) -> tuple[list[float], list[float]]:
+    """Test accuracies of two variants, by seed."""
+    return _tested(results, variant=first), _tested(results, variant=second)
+
+
+def _tested(results: Results, **cell: Any) -> list[float]:
+    return [row["test_overall"] for row in results.rows(**cell)]
+
+
+def _against(values: dict[str, list[float]], own: str) -> dict[str, Comparison]:
+    """One against each of the others over the seeds that all have, the first ones."""
+    seeds = min(map(len, values.values()))
+    return compare_all(values[own][:seeds], {name: each[:seeds] for name, each in values.items() if name != own})
 
 
 CLAIMS: tuple[tuple[tuple[str, ...], Callable[[Found], Verdict]], ...] = (
@@ -255,6 +272,7 @@ CLAIMS: tuple[tuple[tuple[str, ...], Callable[[Found], Verdict]], ...] = (
     (NETWORKS, smoothest_network),
     (("fig13_optimizers",), loss_falls),
     (("optimizer_study",), best_optimizer),
+    (("study_standard_nofit",), best_optimizer_fresh),
     (("fig13_transfer",), transfer_learning),
     (("standard_adgcnn",), final_accuracy),
 )
@@ -264,6 +282,9 @@ def verdict_table(folder: Path) -> Table | None:
     """Every claim whose results are all in the folder, with its verdict; None where there is none."""
     rows = []
     for names, judge in CLAIMS:
+        # The study's verdict takes the place of the first one's, of fixed clouds and three seeds.
+        if judge is best_optimizer and Results.read(folder, "study_standard_nofit") is not None:
+            continue
         found = {name: results for name in names if (results := Results.read(folder, name)) is not None}
         if len(found) == len(names):
             rows.append(list(judge(found)))

@@ -65,6 +65,44 @@ def test_a_killed_run_goes_on_in_its_folder(config: schema.Config):
     assert (runs.run_folder(config) / "checkpoint").read_text() == "half-way"
 
 
+BROKEN = pytest.mark.parametrize("content", ["", "{", "null", "{}"])  # what a full disk, or a hand, leaves
+
+
+@BROKEN
+def test_a_broken_record_is_made_anew_and_kept_beside(config: schema.Config, content: str):
+    runs.execute(task, config)
+    folder = runs.run_folder(config)
+    for i in range(2):
+        (folder / runs.RECORD).write_text(content)
+        record, there = runs.execute(task, config)
+        assert not there
+        assert read_json(folder / runs.RECORD) == json.loads(json.dumps(record))
+        assert calls(folder) == i + 2  # the same folder, so that training goes on from its last checkpoint
+    kept = sorted(path.name for path in folder.glob("run.json.broken*"))
+    assert kept == ["run.json.broken", "run.json.broken2"]
+    assert {(folder / name).read_text() for name in kept} == {content}
+
+
+@BROKEN
+def test_a_folder_of_which_nothing_is_known_is_kept_beside(config: schema.Config, content: str):
+    folder = runs.run_folder(config)
+    folder.mkdir(parents=True)
+    (folder / runs.BEGUN).write_text(content)
+    (folder / "checkpoint").write_text("of unknown code")
+    _, there = runs.execute(task, config)
+    assert not there
+    assert not (folder / "checkpoint").exists()
+    assert (folder.with_name(f"{folder.name}.broken") / "checkpoint").read_text() == "of unknown code"
+    assert runs.execute(task, config)[1]  # the kept folder is not taken for the run's
+
+
+def test_collect_names_a_broken_record(config: schema.Config):
+    runs.execute(task, config)
+    (runs.run_folder(config) / runs.RECORD).write_text("")
+    with pytest.raises(collect.CollectError, match=r"run\.json: no record"):
+        fold(config)
+
+
 def test_configurations_do_not_share_folders(config: schema.Config):
     other = replace(config, filter=replace(config.filter, k=21))
     assert runs.run_folder(config) != runs.run_folder(other)

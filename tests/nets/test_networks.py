@@ -199,3 +199,25 @@ def test_unknown_names_and_options_are_refused():
     with pytest.raises(ValueError, match="pose: expected one of"):
         build_model("adgcnn", 3, rngs=nnx.Rngs(0), pose="sideways")
     assert set(MODELS) == {"adgcnn", "dgcnn", "pointnet", "pointnet2", "alexnet", "vgg16", "resnet50"}
+
+
+@pytest.mark.parametrize("name", ["adgcnn", "dgcnn", "pointnet", "pointnet2"])
+@pytest.mark.parametrize("pose", ["none", "principal", "cylinder"])
+def test_only_the_pose_cylinder_fits_anything(name, pose, monkeypatch):
+    """The raster once held the fitted radius, and was unrolled about the fitted axis, whatever the pose."""
+
+    def fitted(*args, **kwargs):
+        raise RuntimeError("a cylinder was fitted")
+
+    monkeypatch.setattr("cablejax.nets.pose.cylinder_frame", fitted)
+    try:
+        model = build_model(name, CLASSES, rngs=nnx.Rngs(0), pose=pose)
+    except ValueError:
+        pytest.skip(f"{name} has no pose to choose")
+    graphdef, state = nnx.split(model)
+    call = partial(jax.eval_shape, lambda state, *cloud: nnx.merge(graphdef, state, copy=True)(*cloud), state)
+    if pose == "cylinder":
+        with pytest.raises(RuntimeError, match="a cylinder was fitted"):
+            call(*clouds())
+    else:
+        assert call(*clouds()).shape == (B, CLASSES)

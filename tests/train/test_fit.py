@@ -41,7 +41,15 @@ def test_running_statistics_move():
     assert float(jnp.abs(result.model.norm.mean[...]).max()) > 0
 
 
-@pytest.mark.parametrize("changes", [{}, {"ema_decay": 0.9, "keep_best": True, "schedule": "cosine"}])
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"ema_decay": 0.9, "keep_best": True, "schedule": "cosine"},
+        {"optimizer": "schedule_free", "warmup_epochs": 1, "clip_norm": 1.0},
+        {"optimizer": "muon"},
+    ],
+)
 def test_resumed_equals_uninterrupted(tmp_path, changes):
     config = settings(**changes)
     whole = fit(Tiny(nnx.Rngs(0)), split(), split(seed=1), config, progress=False)
@@ -61,6 +69,14 @@ def test_resumed_equals_uninterrupted(tmp_path, changes):
         np.testing.assert_array_equal(a, b)
     for a, b in zip(whole.history, resumed.history, strict=True):
         assert a.scalars() | {"train/seconds": 0} == b.scalars() | {"train/seconds": 0}
+
+
+def test_gives_up_what_has_not_begun_to_learn():
+    run = [
+        fit(Tiny(nnx.Rngs(0)), split(), None, settings(give_up_epoch=2, give_up_loss=loss), progress=False)
+        for loss in (1e-6, 9.0)
+    ]
+    assert [len(each.history) for each in run] == [2, settings().epochs]
 
 
 KILLS = int(os.environ.get("CABLEJAX_KILLS", "2"))  # 20 for the long form
