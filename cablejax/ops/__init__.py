@@ -13,8 +13,8 @@ from cablejax.ops.edges import (
     neighbor_sum,
 )
 from cablejax.ops.feature_graph import feature_graph
-from cablejax.ops.filter_width import Trial, choose_alpha, pilot_step
-from cablejax.ops.filters import FilterResult, adaptive_filter, width_trial
+from cablejax.ops.filter_width import Trial, choose_alpha, pilot_step, usual_noise, width_trial
+from cablejax.ops.filters import FilterResult, adaptive_filter
 from cablejax.ops.moments import LocalMoments, local_moments, masked_covariance, masked_mean, masked_variance
 from cablejax.ops.neighbors import KnnResult, RadiusResult, knn, knn_features, radius_count, radius_search
 from cablejax.ops.outliers import OutlierResult, median_outliers, radius_outliers, statistical_outliers
@@ -69,5 +69,6 @@ __all__ = [
     "se3_log",
     "statistical_outliers",
     "transform",
+    "usual_noise",
     "width_trial",
 ]
