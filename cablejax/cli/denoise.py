@@ -44,6 +44,8 @@ def _whole(options: argparse.Namespace) -> dict[str, Any]:
         result = clean(cloud, std_ratio=options.std_ratio, k=options.neighbors, order=options.order)
         xyz, rest = result.xyz, np.asarray(result.keep)
         width = float(np.mean(np.asarray(result.width, dtype=np.float64)[rest]))
+    if not rest.any():
+        raise NoResultError(f"{options.scan}: outlier removal left no point; a larger --std-ratio keeps more")
     moved = np.linalg.norm(np.asarray(xyz - cloud.xyz, dtype=np.float64)[rest], axis=1)
     color = None if scan.color is None else scan.color[rest]
     intensity = None if scan.intensity is None else scan.intensity[rest]

@@ -4,6 +4,7 @@ Neighbours (`knn`, `radius_search`, `radius_count`), local moments, outlier remo
 """
 
 from cablejax.ops.cleaning import CleanResult, clean
+from cablejax.ops.cylinder import CylinderFrame, cylinder_frame, principal_frame
 from cablejax.ops.edges import (
     AttentionWeights,
     channel_attention,
@@ -18,14 +19,7 @@ from cablejax.ops.filters import FilterResult, adaptive_filter
 from cablejax.ops.moments import LocalMoments, local_moments, masked_covariance, masked_mean, masked_variance
 from cablejax.ops.neighbors import KnnResult, RadiusResult, knn, knn_features, radius_count, radius_search
 from cablejax.ops.outliers import OutlierResult, median_outliers, radius_outliers, statistical_outliers
-from cablejax.ops.raster import (
-    CylinderFrame,
-    cylinder_frame,
-    cylinder_raster,
-    principal_frame,
-    raster_taps,
-    sample_raster,
-)
+from cablejax.ops.raster import cylinder_raster, raster_taps, sample_raster
 from cablejax.ops.rigid import invert, kabsch, se3_exp, se3_log, transform
 
 __all__ = [

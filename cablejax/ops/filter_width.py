@@ -14,10 +14,11 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from cablejax.ops.neighbors import knn
 from cablejax.ops.moments import local_noise
+from cablejax.ops.neighbors import knn
 from cablejax.ops.precision import require_float32
 from cablejax.ops.quantile import quantile
+from cablejax.ops.sheets import own_sheet
 from cablejax.ops.slots import gather
 from cablejax.ops.surface_fit import TINY, fit_frame, fit_heights, residual
 from cablejax.types import PointCloud
@@ -72,6 +73,7 @@ def width_trial(cloud: PointCloud, keep: Bool[Array, " n"], rows: Int[Array, " m
     neighbors = jnp.concatenate([jnp.where(used, rows, -1)[None], near])
     xyz = jnp.where(cloud.mask[:, None] & jnp.isfinite(cloud.xyz), cloud.xyz, 0.0).T
     centre = xyz[:, at]
+    neighbors = own_sheet(xyz, centre, neighbors, local_noise(xyz, centre, neighbors))
     local = local_noise(xyz, centre, neighbors)
     return try_widths(xyz, centre, neighbors, jnp.where(used, local, 0.0), order=order)
 

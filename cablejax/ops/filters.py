@@ -11,6 +11,7 @@ from cablejax.ops.moments import local_noise
 from cablejax.ops.neighbors import KnnResult, ListAndSums, knn
 from cablejax.ops.precision import require_float32
 from cablejax.ops.quantile import quantile
+from cablejax.ops.sheets import own_sheet
 from cablejax.ops.slots import Neighborhoods, gather, sum_over_slots
 from cablejax.ops.surface_filter import gaussian, onto_surface, surface_width
 from cablejax.ops.surface_fit import TINY
@@ -52,11 +53,12 @@ def adaptive_filter(
 ) -> FilterResult:
     """Smooth each point with a Gaussian as wide as its local noise.
 
-    Equations (2)-(8) of Su et al. (2025). Equation (5) prints the width as sigma_i; it is read as sigma_f of eq. (4).
+    Eqs. (2)-(8) of Su et al. (2025). Eq. (5) prints the width as sigma_i; it is read as sigma_f of eq. (4).
     A neighbourhood is the point and its k nearest; eq. (6) leaves the point itself out, where it would be 0/0.
 
     The weighted mean of eq. (8) lies inside a curved surface: a cable comes out too thin. `order` 1 and 2 move each point
-    along its normal onto a plane or quadric fitted with the same weights. Where the neighbours do not determine it (few of
+    along its normal onto a plane or quadric fitted with the same weights, from which neighbours through a thin wall are left
+    out (`own_sheet`). Where the neighbours do not determine it (few of
     them, on a grid, along a line), the point goes onto the plane, or else to the mean, and its status says so; no point
     moves farther than its neighbours lie.
 
@@ -155,6 +157,9 @@ def _once(cloud: PointCloud, found, given, *, k: int, order: int, form: str, ref
     """One application of the filter."""
     around, status = neighborhoods(cloud, found, k)
     noise = local_noise(around.xyz, around.xyz, around.neighbors)
+    if order:
+        around = around._replace(neighbors=own_sheet(around.xyz, around.xyz, around.neighbors, noise))
+        noise = local_noise(around.xyz, around.xyz, around.neighbors)
     edge = None if given["gamma"] is None else _edge_weight(around, given["gamma"], given["tau"])
     alpha, usual = given["alpha"], given["usual_noise"]
     if alpha is None:

@@ -1,4 +1,4 @@
-"""Masked moments of point sets, and the local moments of equations (2) and (3)."""
+"""Masked moments of point sets, and the local moments of eqs. (2) and (3)."""
 
 from typing import NamedTuple
 

@@ -27,9 +27,7 @@ class Neighborhoods(NamedTuple):
     valid: Bool[Array, " n"]
 
 
-def sum_over_slots(
-    neighbors: Int[Array, "k m"], term: Callable[[Int[Array, " m"], Bool[Array, " m"]], Sums]
-) -> Sums:
+def sum_over_slots(neighbors: Int[Array, "k m"], term: Callable[[Int[Array, " m"], Bool[Array, " m"]], Sums]) -> Sums:
     """Sum what `term` makes of each slot of many neighbourhoods.
 
     Measured on 2 cores, 53,135 neighbourhoods of 100, 28 moments of each: this loop takes 50 ms, reducing arrays of

@@ -10,10 +10,14 @@ from jaxtyping import Array, Bool, Float, Int
 from cablejax.ops.slots import sum_over_slots
 
 TINY = float(jnp.finfo(jnp.float32).tiny)
-RIDGE = 1e-6  # on covariances scaled to trace one: an axis of collinear points, which moves others by less than rounding
+RIDGE = (
+    1e-6  # on covariances scaled to trace one: an axis of collinear points, which moves others by less than rounding
+)
 TERMS = {1: 3, 2: 6}  # coefficients of a plane and a quadric
 PIVOT = 1e-3  # least share of a term that the terms before it may leave unexplained; float32 sums are right to 1e-6
-THIN = 1e-4  # least spread across a neighbourhood, squared, of its mean square distance: one part in a hundred is a line
+THIN = (
+    1e-4  # least spread across a neighbourhood, squared, of its mean square distance: one part in a hundred is a line
+)
 ALONE = 0.9  # share of its own height in a fit from which on a point is not smoothed but interpolated
 
 Sample = Callable[[Int[Array, " m"], Bool[Array, " m"]], tuple[Float[Array, " m"], Float[Array, "3 m"]]]
