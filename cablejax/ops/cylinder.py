@@ -111,7 +111,7 @@ def principal_frame(
     Returns:
         `(centroid [3], rotation [3, 3])`: rows of `rotation` are the directions.
     """
-    weight = jnp.ones(xyz.shape[0]) if mask is None else mask.astype(xyz.dtype)
+    weight = jnp.ones(xyz.shape[0], xyz.dtype) if mask is None else mask.astype(xyz.dtype)
     total = jnp.maximum(jnp.sum(weight), 1.0)
     xyz = jnp.where(weight[:, None] > 0, xyz, 0.0)
     centroid = jnp.sum(xyz * weight[:, None], axis=0) / total
@@ -144,7 +144,7 @@ def _fit_bent_circle(
     linear = jnp.concatenate([2.0 * across, ones[:, None]], axis=1)
     start = _least_squares(linear, jnp.sum(across**2, axis=1), weight)
     radius = jnp.sqrt(jnp.maximum(start[2] + jnp.sum(start[:2] ** 2), 1e-12))
-    line = jnp.zeros((3, 2)).at[0].set(start[:2])
+    line = jnp.zeros((3, 2), across.dtype).at[0].set(start[:2])
     powers = jnp.stack([ones, along, along**2], axis=1)
 
     def step(_, state):
@@ -175,5 +175,5 @@ def _least_squares(
     """Weighted least squares by the normal equations, with a ridge of 1e-6 of their mean diagonal."""
     normal = jnp.matmul((rows * weight[:, None]).T, rows, precision=jax.lax.Precision.HIGHEST)
     ridge = 1e-6 * jnp.trace(normal) / rows.shape[1] + 1e-12
-    factor = jax.lax.linalg.cholesky(normal + ridge * jnp.eye(rows.shape[1]))
+    factor = jax.lax.linalg.cholesky(normal + ridge * jnp.eye(rows.shape[1], dtype=rows.dtype))
     return jax.scipy.linalg.cho_solve((factor, True), (rows * weight[:, None]).T @ values)

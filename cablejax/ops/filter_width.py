@@ -19,7 +19,7 @@ from cablejax.ops.neighbors import knn
 from cablejax.ops.precision import require_float32
 from cablejax.ops.quantile import quantile
 from cablejax.ops.sheets import own_sheet
-from cablejax.ops.slots import gather
+from cablejax.ops.slots import farthest, gather
 from cablejax.ops.surface_fit import TINY, fit_frame, fit_heights, residual
 from cablejax.types import PointCloud
 
@@ -118,7 +118,7 @@ def _predict(xyz: Array, neighbors: Array, centre: Array, width: Array, order: i
     pilot = fit_heights(in_space, neighbors, frame, order=order)
     off_surface = residual(pilot)
     # The k nearest in space of a lifted point are, at the rim, lifted ones alone: in the plane, only what no lift excludes.
-    reach = jnp.max(jnp.where(neighbors >= 0, _sq_distances(xyz, neighbors, centre), 0.0), axis=0)
+    reach = farthest(xyz, centre, neighbors)
     rim = jnp.maximum(reach - jnp.square(BAND * pilot.noise), 0.25 * reach)
     band = 0.5 / jnp.square(BAND * jnp.maximum(pilot.noise, TINY**0.25))
 
@@ -134,11 +134,6 @@ def _predict(xyz: Array, neighbors: Array, centre: Array, width: Array, order: i
     loss = jnp.square(fit.height / jnp.maximum(others, LEAST))
     # A kernel that holds hardly more than the point itself gives it back and predicts nothing: as bad as its width.
     return jnp.where(others < LEAST, jnp.square(width), loss), pilot.noise
-
-
-def _sq_distances(xyz: Array, neighbors: Array, centre: Array) -> Array:
-    """Squared distance of each neighbour from its centre `[k, m]`."""
-    return jnp.stack([jnp.square(gather(xyz, rows) - centre).sum(axis=0) for rows in neighbors])
 
 
 def choose_alpha(trial: Trial) -> Float[Array, ""]:

@@ -119,7 +119,7 @@ def symmetric_eigenvalues(matrices: Float[Array, "*b 3 3"]) -> Float[Array, "*b 
         [1.0, 2.0, 3.0]
     """
     mean = jnp.trace(matrices, axis1=-2, axis2=-1) / 3
-    rest = matrices - mean[..., None, None] * jnp.broadcast_to(jnp.eye(3), matrices.shape)
+    rest = matrices - mean[..., None, None] * jnp.broadcast_to(jnp.eye(3, dtype=matrices.dtype), matrices.shape)
     size = jnp.sqrt(jnp.sum(rest * rest, axis=(-2, -1)) / 6)
     unit = rest / jnp.maximum(size, jnp.finfo(matrices.dtype).tiny)[..., None, None]
     first, second, third = unit[..., 0, :], unit[..., 1, :], unit[..., 2, :]

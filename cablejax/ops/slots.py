@@ -47,6 +47,18 @@ def sum_over_slots(neighbors: Int[Array, "k m"], term: Callable[[Int[Array, " m"
     return lax.fori_loop(0, neighbors.shape[0], lambda slot, sums: jax.tree.map(jnp.add, sums, at_slot(slot)), start)
 
 
+def farthest(xyz: Float[Array, "3 n"], centre: Float[Array, "3 m"], neighbors: Int[Array, "k m"]) -> Float[Array, " m"]:
+    """Squared distance from each centre to its farthest neighbour; 0 where there is none."""
+
+    def at_slot(slot: Any, most: Array) -> Array:
+        rows = lax.dynamic_index_in_dim(neighbors, slot, keepdims=False)
+        sq_dist = jnp.square(gather(xyz, jnp.maximum(rows, 0)) - centre).sum(axis=0)
+        return jnp.maximum(most, jnp.where(rows >= 0, sq_dist, 0.0))
+
+    start = varying_like(jnp.zeros(centre.shape[1], xyz.dtype), xyz, centre, neighbors)
+    return lax.fori_loop(0, neighbors.shape[0], at_slot, start)
+
+
 def gather(rows: Float[Array, "c n"], at: Int[Array, "..."]) -> Float[Array, "c ..."]:
     """Columns of `rows` at given places, all of them in range; one gather a row, which XLA vectorises best."""
     return jnp.stack([row.at[at].get(mode="promise_in_bounds") for row in rows])

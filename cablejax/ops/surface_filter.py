@@ -7,7 +7,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from cablejax.ops.filter_width import BAND, choose_alpha, pilot_step, try_widths, usual_noise
-from cablejax.ops.slots import Neighborhoods, gather, sum_over_slots
+from cablejax.ops.slots import Neighborhoods, farthest, gather, sum_over_slots
 from cablejax.ops.surface_fit import TINY, SurfaceFit, fit_frame, fit_heights
 
 FACING = 0.6  # normals that differ by so much, as a distance of unit vectors, count as one kernel width apart
@@ -53,7 +53,10 @@ def onto_surface(
     if usual is not None:
         width = width * _narrowing(fit.noise, usual)
         fit, mean = _fit(around, around.xyz, None, edge, width, order)
-    reach, move = _reach(around), jnp.where(fit.degree[None] > 0, fit.height[None] * fit.normal, mean)
+    reach, move = (
+        farthest(*lax.stop_gradient((around.xyz, around.xyz)), around.neighbors),
+        jnp.where(fit.degree[None] > 0, fit.height[None] * fit.normal, mean),
+    )
     for _ in range(refinements):
         again, _ = _fit(around, around.xyz + move, fit.normal, _trusted(edge, move, fit.noise), width, order)
         further = move + again.height[None] * again.normal
@@ -104,18 +107,6 @@ def _fit(
 
     frame = fit_frame(sample, around.neighbors)
     return fit_heights(sample, around.neighbors, frame, order=order), frame.mean
-
-
-def _reach(around: Neighborhoods) -> Float[Array, " n"]:
-    """Squared distance of each point's farthest neighbour; a constant to gradients."""
-    xyz = lax.stop_gradient(around.xyz)
-
-    def farthest(slot: Array | int, reach: Array) -> Array:
-        rows = lax.dynamic_index_in_dim(around.neighbors, slot, keepdims=False)
-        sq_dist = jnp.square(gather(xyz, jnp.maximum(rows, 0)) - xyz).sum(axis=0)
-        return jnp.maximum(reach, jnp.where(rows >= 0, sq_dist, 0.0))
-
-    return lax.fori_loop(0, around.neighbors.shape[0], farthest, jnp.zeros_like(xyz[0]))
 
 
 def _length(move: Float[Array, "3 n"]) -> Float[Array, " n"]:

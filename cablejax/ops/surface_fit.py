@@ -220,7 +220,9 @@ def least_axis(covariance: Float[Array, "6 m"]) -> tuple[Float[Array, "3 m"], Fl
     leaves the projector onto the wanted one. Where the two smallest agree to a percent, any mixture of them comes out.
     """
     trace = jnp.maximum(covariance[:3].sum(axis=0), TINY)
-    xx, yy, zz, xy, yz, zx = covariance / trace[None] + jnp.asarray([RIDGE] * 3 + [0.0] * 3)[:, None]
+    xx, yy, zz, xy, yz, zx = (
+        covariance / trace[None] + jnp.asarray([RIDGE] * 3 + [0.0] * 3, dtype=covariance.dtype)[:, None]
+    )
     power = jnp.stack(
         [
             yy * zz - yz * yz,

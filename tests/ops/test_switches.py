@@ -8,7 +8,16 @@ import numpy as np
 import pytest
 from jax.sharding import AxisType, PartitionSpec
 
-from cablejax.ops import adaptive_filter, clean, kabsch, median_outliers, radius_outliers, se3_exp, statistical_outliers
+from cablejax.ops import (
+    adaptive_filter,
+    clean,
+    kabsch,
+    knn,
+    median_outliers,
+    radius_outliers,
+    se3_exp,
+    statistical_outliers,
+)
 from cablejax.types import PointCloud
 
 N = 120
@@ -20,6 +29,11 @@ KERNELS = {
     "statistical": lambda cloud: statistical_outliers(cloud, k=6).score,
     "median": lambda cloud: median_outliers(cloud, k=6).score,
     "radius": lambda cloud: radius_outliers(cloud, radius=1.0, min_neighbors=3).score,
+}
+FOUND = {  # on neighbours found before
+    "order 0": lambda cloud, found: adaptive_filter(cloud, found=found, gamma=0.1).xyz,
+    "order 2": lambda cloud, found: adaptive_filter(cloud, found=found, order=2).xyz,
+    "statistical": lambda cloud, found: statistical_outliers(cloud, k=6, found=found).score,
 }
 SWITCHES = {
     "x64": lambda: jax.enable_x64(True),
@@ -38,7 +52,7 @@ def cloud(xyz=None):
     return PointCloud(jnp.asarray(points() if xyz is None else xyz), jnp.arange(N) < N - 5)
 
 
-@pytest.mark.parametrize("switch", SWITCHES)
+@pytest.mark.parametrize("switch", ["x64", "nans"])
 @pytest.mark.parametrize("name", KERNELS)
 def test_a_switch_changes_nothing(name, switch):
     plain = KERNELS[name](cloud())
@@ -46,6 +60,14 @@ def test_a_switch_changes_nothing(name, switch):
         switched = KERNELS[name](cloud())
     assert switched.dtype == jnp.float32
     np.testing.assert_allclose(switched, plain, atol=1e-3)
+
+
+@pytest.mark.parametrize("name", FOUND)
+def test_strict_promotion_changes_nothing(name):
+    found = knn(cloud().xyz, k=8, mask=cloud().mask)
+    plain = FOUND[name](cloud(), found)
+    with SWITCHES["strict"]():
+        np.testing.assert_allclose(FOUND[name](cloud(), found), plain, atol=1e-3)
 
 
 @pytest.mark.parametrize("dtype", ["float16", "bfloat16", "int32", "float64"])
@@ -57,18 +79,18 @@ def test_other_dtypes_are_refused_in_a_sentence(name, dtype):
             KERNELS[name](given)
 
 
-@pytest.mark.parametrize("name", KERNELS)
+@pytest.mark.parametrize("name", FOUND)
 def test_inside_shard_map(name):
     mesh = jax.make_mesh((1,), ("device",), axis_types=(AxisType.Auto,), devices=jax.devices()[:1])
     spec = PartitionSpec("device")
-    both = jnp.stack([cloud().xyz, cloud().xyz + 1.0])
+    found = knn(cloud().xyz, k=8, mask=cloud().mask)
 
     @jax.jit
     @jax.shard_map(mesh=mesh, in_specs=spec, out_specs=spec)
-    def sharded(xyz):
-        return jax.lax.map(lambda one: KERNELS[name](cloud(one)), xyz)
+    def sharded(xyz, mask, found):
+        return FOUND[name](PointCloud(xyz, mask), found)
 
-    np.testing.assert_allclose(sharded(both)[0], KERNELS[name](cloud()), atol=1e-3)
+    np.testing.assert_allclose(sharded(*cloud(), found), FOUND[name](cloud(), found), atol=1e-3)
 
 
 @pytest.mark.parametrize("switch", SWITCHES)
@@ -84,5 +106,5 @@ def test_a_default_passed_explicitly_is_the_same_program():
     def text(**given):
         return str(jax.make_jaxpr(lambda c: adaptive_filter(c, k=8, order=2, **given))(cloud()))
 
-    assert text() == text(gamma=0.0) == text(gamma=None, crowding=0.0, beta=0, tau=None, alpha=None)
+    assert text() == text(gamma=0.0) == text(gamma=None, crowding=0.0, beta=0.0, tau=None, alpha=None)
     assert text(gamma=0.1) != text()
