@@ -8,7 +8,7 @@ from cablejax.ops.slots import gather, sum_over_slots
 from cablejax.ops.surface_fit import TINY, fit_surface, residual
 
 SPLIT = 0.2  # share of the squared noise that two sheets leave within each; a Gaussian halved leaves 0.36, a block 0.25
-FEWEST = 4  # points on either side that make a sheet
+FEWEST = 10  # points on either side that make a sheet: fewer gather about two levels by chance
 
 
 def own_sheet(
