@@ -177,4 +177,4 @@ def _status(cloud: PointCloud, per_point: Array | None) -> Array:
     bits = {Status.EMPTY: ~valid.any(), Status.NOT_FINITE: (cloud.mask & ~valid).any()}
     if per_point is not None:
         bits[Status.TOO_FEW_NEIGHBORS] = ((per_point & int(Status.TOO_FEW_NEIGHBORS)) != 0).any()
-    return sum(true.astype(jnp.int32) * int(bit) for bit, true in bits.items())
+    return sum(true.astype(jnp.int32) * int(bit) for bit, true in bits.items())  # pyright: ignore[reportReturnType]
