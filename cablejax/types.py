@@ -113,6 +113,7 @@ class Status(enum.IntFlag):
     NOT_FINITE = 8
     DEGENERATE = 16
     EMPTY = 32
+    LOWER_ORDER = 64
 
 
 STATUS_TEXT: Mapping[Status, str] = MappingProxyType(
@@ -123,6 +124,7 @@ STATUS_TEXT: Mapping[Status, str] = MappingProxyType(
         Status.NOT_FINITE: "the input or the result holds NaN or infinite values",
         Status.DEGENERATE: "the geometry leaves the answer undetermined",
         Status.EMPTY: "the cloud holds no valid point",
+        Status.LOWER_ORDER: "the neighbours of some points do not determine the surface asked for, so a simpler one was taken",
     }
 )
 

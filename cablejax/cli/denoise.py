@@ -46,6 +46,8 @@ def _whole(options: argparse.Namespace) -> dict[str, Any]:
         xyz, keep = result.xyz, result.keep
         width = float(np.mean(np.asarray(result.width, dtype=np.float64)[np.asarray(keep)]))
     xyz, before, rest = (np.asarray(array)[:n] for array in (xyz, cloud.xyz, keep))
+    if not rest.any():
+        raise NoResultError(f"{options.scan}: outlier removal left no point; a larger --std-ratio keeps more")
     moved = np.linalg.norm((xyz - before).astype(np.float64)[rest], axis=1)
     color = None if scan.color is None else scan.color[rest]
     intensity = None if scan.intensity is None else scan.intensity[rest]

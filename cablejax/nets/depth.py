@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from cablejax.ops.raster import principal_frame
+from cablejax.ops.cylinder import principal_frame
 
 
 def depth_image(

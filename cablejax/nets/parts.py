@@ -11,9 +11,9 @@ from cablejax.nets.aedgeconv import AEdgeConv
 from cablejax.nets.head import PooledLayer
 from cablejax.nets.init import he_normal, lecun_normal
 from cablejax.nets.norm import BatchNorm
+from cablejax.ops.cylinder import principal_frame
 from cablejax.ops.feature_graph import feature_graph
 from cablejax.ops.moments import local_moments, symmetric_eigenvalues
-from cablejax.ops.raster import principal_frame
 
 LOCAL_K = (8, 32)  # neighbourhoods whose shape the network is told
 LOCAL_CHANNELS = 4 * len(LOCAL_K)

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from cablejax.ops.raster import cylinder_frame, principal_frame
+from cablejax.ops.cylinder import cylinder_frame, principal_frame
 
 POSES = ("none", "principal", "cylinder")
 # Middle and spread of the radii of the catalogue's cables (10.6 to 22.8 mm). The radius tells the size, and sizes are 0.6

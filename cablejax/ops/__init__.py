@@ -4,6 +4,7 @@ Neighbours (`knn`, `radius_search`, `radius_count`), local moments, outlier remo
 """
 
 from cablejax.ops.cleaning import CleanResult, clean
+from cablejax.ops.cylinder import CylinderFrame, cylinder_frame, principal_frame
 from cablejax.ops.edges import (
     AttentionWeights,
     channel_attention,
@@ -13,19 +14,12 @@ from cablejax.ops.edges import (
     neighbor_sum,
 )
 from cablejax.ops.feature_graph import feature_graph
-from cablejax.ops.filter_width import Trial, choose_alpha, pilot_step
-from cablejax.ops.filters import FilterResult, adaptive_filter, width_trial
+from cablejax.ops.filter_width import Trial, choose_alpha, pilot_step, usual_noise, width_trial
+from cablejax.ops.filters import FilterResult, adaptive_filter
 from cablejax.ops.moments import LocalMoments, local_moments, masked_covariance, masked_mean, masked_variance
 from cablejax.ops.neighbors import KnnResult, RadiusResult, knn, knn_features, radius_count, radius_search
 from cablejax.ops.outliers import OutlierResult, median_outliers, radius_outliers, statistical_outliers
-from cablejax.ops.raster import (
-    CylinderFrame,
-    cylinder_frame,
-    cylinder_raster,
-    principal_frame,
-    raster_taps,
-    sample_raster,
-)
+from cablejax.ops.raster import cylinder_raster, raster_taps, sample_raster
 from cablejax.ops.rigid import invert, kabsch, se3_exp, se3_log, transform
 
 __all__ = [
@@ -69,5 +63,6 @@ __all__ = [
     "se3_log",
     "statistical_outliers",
     "transform",
+    "usual_noise",
     "width_trial",
 ]

@@ -1,4 +1,4 @@
-"""Edge convolution on a dynamic neighbour graph with channel attention, equations (10)-(14), for one small cloud."""
+"""Edge convolution on a dynamic neighbour graph with channel attention, eqs. (10)-(14), for one small cloud."""
 
 from collections.abc import Callable
 from functools import partial
@@ -13,7 +13,7 @@ from cablejax.ops.product import row_product
 
 
 class AttentionWeights(NamedTuple):
-    """The two shared 1x1 convolutions of equation (12): `alpha_2` squeezes d channels to h, `alpha_1` restores them.
+    """The two shared 1x1 convolutions of eq. (12): `alpha_2` squeezes d channels to h, `alpha_1` restores them.
 
     Attributes:
         squeeze: Kernel of `alpha_2`, `[d, h]`.
@@ -29,7 +29,7 @@ class AttentionWeights(NamedTuple):
 
 
 def edge_features(features: Float[Array, "n c"], neighbors: Int[Array, "n k"]) -> Float[Array, "n k 2*c"]:
-    """The edge features `(x_i, x_j - x_i)` of equation (11), literally; zero where a neighbour is missing.
+    """The edge features `(x_i, x_j - x_i)` of eq. (11), literally; zero where a neighbour is missing.
 
     Example:
         >>> edge_features(jnp.array([[1.0], [3.0]]), jnp.array([[1], [-1]])).tolist()
@@ -64,7 +64,7 @@ def edge_products(
 def channel_attention(
     edges: Float[Array, "n k d"], valid: Bool[Array, "n k"], weights: AttentionWeights
 ) -> Float[Array, " d"]:
-    """The weight of each channel between 0 and 1, equation (12), literally.
+    """The weight of each channel between 0 and 1, eq. (12), literally.
 
     The paper does not say over what MAX and MEAN pool, nor what stands between the convolutions: here they pool over all
     edges of the cloud, per channel, and a ReLU stands between, both as in CBAM (Woo et al. 2018).
@@ -85,7 +85,7 @@ def channel_attention(
 def pooled_attention(
     largest: Float[Array, " d"], mean: Float[Array, " d"], weights: AttentionWeights
 ) -> Float[Array, " d"]:
-    """Equation (12) from the pooled features: `sigmoid(alpha_1(alpha_2(MAX)) + alpha_1(alpha_2(MEAN)))`, `[d]`."""
+    """Eq. (12) from the pooled features: `sigmoid(alpha_1(alpha_2(MAX)) + alpha_1(alpha_2(MEAN)))`, `[d]`."""
 
     def shared(pooled: Float[Array, " d"]) -> Float[Array, " d"]:
         return jax.nn.relu(pooled @ weights.squeeze + weights.squeeze_bias) @ weights.excite + weights.excite_bias
@@ -103,7 +103,7 @@ def edge_conv(
     attention: AttentionWeights | None = None,
     negative_slope: float = 0.2,
 ) -> Float[Array, "n d"]:
-    """One AEdgeConv layer of a cloud, equations (11)-(14), the normalisation given as `scale` and `shift` per channel.
+    """One AEdgeConv layer of a cloud, eqs. (11)-(14), the normalisation given as `scale` and `shift` per channel.
 
     An edge's feature is `V = scale * W[x_i, x_j - x_i] + shift`; V is weighted by channel, the largest over a point's
     neighbours is kept, and LeakyReLU follows. No tensor per edge is made: see `aggregate_edges`.
@@ -114,7 +114,7 @@ def edge_conv(
         kernel: W `[2c, d]`, the first c rows for x_i.
         scale: Batch normalisation folded to a factor `[d]`.
         shift: And to an offset `[d]`.
-        attention: Shared convolutions of equation (12); None leaves all channels at weight 1 (DGCNN's EdgeConv).
+        attention: Shared convolutions of eq. (12); None leaves all channels at weight 1 (DGCNN's EdgeConv).
         negative_slope: LeakyReLU's slope below zero.
 
     Returns:
@@ -136,7 +136,7 @@ def aggregate_edges(
     attention: AttentionWeights | None = None,
     negative_slope: float = 0.2,
 ) -> Float[Array, "n d"]:
-    """Equations (12)-(14) from the shares of `edge_products`.
+    """Eqs. (12)-(14) from the shares of `edge_products`.
 
     V is affine in the neighbour's share, so its largest over a point's edges is found at the neighbour's largest share
     (smallest, where `scale` is negative), and its mean over the cloud from each point's number of incoming edges. The
@@ -157,7 +157,7 @@ def edge_attention(
     shift: Float[Array, " d"],
     attention: AttentionWeights,
 ) -> Float[Array, " d"]:
-    """The channel weights `[d]` of equation (12) that `aggregate_edges` applies, to look at."""
+    """The channel weights `[d]` of eq. (12) that `aggregate_edges` applies, to look at."""
     largest = _largest_edges(center, neighbor, neighbors, scale, shift)
     return _attention_of(largest, center, neighbor, neighbors, scale, shift, attention)
 
@@ -180,7 +180,7 @@ def _attention_of(
     shift: Array,
     attention: AttentionWeights,
 ) -> Float[Array, " d"]:
-    """Equation (12) from the points' largest V and the mean V over all edges."""
+    """Eq. (12) from the points' largest V and the mean V over all edges."""
     exists = neighbors[:, :1] >= 0
     edges = jnp.sum(neighbors >= 0, axis=1).astype(center.dtype)
     mean = (edges @ center + in_degree(neighbors) @ neighbor) / jnp.maximum(jnp.sum(edges), 1.0)

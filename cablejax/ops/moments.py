@@ -1,9 +1,11 @@
-"""Masked moments of point sets, and the local moments of equations (2) and (3)."""
+"""Masked moments of point sets, and the local moments of eqs. (2) and (3)."""
 
 from typing import NamedTuple
 
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
+
+from cablejax.ops.slots import gather, sum_over_slots
 
 
 class LocalMoments(NamedTuple):
@@ -20,6 +22,56 @@ class LocalMoments(NamedTuple):
     mean: Float[Array, "n 3"]
     variance: Float[Array, " n"]
     covariance: Float[Array, "n 3 3"]
+
+
+def local_moments(xyz: Float[Array, "n 3"], neighbors: Int[Array, "n k"]) -> LocalMoments:
+    """Moments of each point's neighbourhood, eqs. (2) and (3).
+
+    Args:
+        xyz: Points `[n, 3]`, any unit.
+        neighbors: Row numbers `[n, k]`, -1 where there is none; include the point itself to count it.
+
+    Returns:
+        Number, mean, variance and covariance of the neighbours of each point.
+
+    Example:
+        >>> xyz = jnp.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
+        >>> local_moments(xyz, jnp.array([[0, 1], [0, 1]])).variance.tolist()
+        [1.0, 1.0]
+    """
+    found = neighbors >= 0
+    near = xyz[jnp.maximum(neighbors, 0)]
+    return LocalMoments(
+        found=found.sum(axis=-1, dtype=jnp.int32),
+        mean=masked_mean(near, found),
+        variance=masked_variance(near, found),
+        covariance=masked_covariance(near, found),
+    )
+
+
+def local_noise(
+    xyz: Float[Array, "3 n"], centre: Float[Array, "3 m"], neighbors: Int[Array, "k m"]
+) -> Float[Array, " m"]:
+    """Local noise sigma_i: root of the summed variances of each neighbourhood's coordinates, eqs. (2) and (3).
+
+    The root of `local_moments(...).variance`, slot by slot: what the filters run.
+
+    Args:
+        xyz: Coordinates `[3, n]`, any unit.
+        centre: A place near each neighbourhood `[3, m]`; sums are taken from it, so that they keep their digits.
+        neighbors: Rows of each neighbourhood `[k, m]`, the point itself among them, -1 where there is none.
+    """
+
+    def sums(rows: Array, near: Array) -> tuple[Array, Array, Array]:
+        offset = jnp.where(near[None], gather(xyz, rows) - centre, 0.0)
+        return near.astype(offset.dtype), offset, jnp.square(offset).sum(axis=0)
+
+    count, first, square = sum_over_slots(neighbors, sums)
+    count = jnp.maximum(count, 1.0)
+    variance = square / count - jnp.square(first / count[None]).sum(axis=0)
+    positive = variance > 0
+    # Double where: the root has no gradient at 0.
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, variance, 1.0)), 0.0)
 
 
 def masked_mean(values: Float[Array, "*b n c"], mask: Bool[Array, "..."]) -> Float[Array, "*b c"]:
@@ -67,7 +119,7 @@ def symmetric_eigenvalues(matrices: Float[Array, "*b 3 3"]) -> Float[Array, "*b 
         [1.0, 2.0, 3.0]
     """
     mean = jnp.trace(matrices, axis1=-2, axis2=-1) / 3
-    rest = matrices - mean[..., None, None] * jnp.broadcast_to(jnp.eye(3), matrices.shape)
+    rest = matrices - mean[..., None, None] * jnp.broadcast_to(jnp.eye(3, dtype=matrices.dtype), matrices.shape)
     size = jnp.sqrt(jnp.sum(rest * rest, axis=(-2, -1)) / 6)
     unit = rest / jnp.maximum(size, jnp.finfo(matrices.dtype).tiny)[..., None, None]
     first, second, third = unit[..., 0, :], unit[..., 1, :], unit[..., 2, :]
@@ -75,28 +127,3 @@ def symmetric_eigenvalues(matrices: Float[Array, "*b 3 3"]) -> Float[Array, "*b 
     angle = jnp.arccos(half) / 3
     largest, smallest = mean + 2 * size * jnp.cos(angle), mean + 2 * size * jnp.cos(angle + 2 * jnp.pi / 3)
     return jnp.stack([smallest, 3 * mean - largest - smallest, largest], axis=-1)
-
-
-def local_moments(xyz: Float[Array, "n 3"], neighbors: Int[Array, "n k"]) -> LocalMoments:
-    """Moments of each point's neighbourhood, eqs. (2) and (3).
-
-    Args:
-        xyz: Points `[n, 3]`, any unit.
-        neighbors: Row numbers `[n, k]`, -1 where there is none; include the point itself to count it.
-
-    Returns:
-        Number, mean, variance and covariance of the neighbours of each point.
-
-    Example:
-        >>> xyz = jnp.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
-        >>> local_moments(xyz, jnp.array([[0, 1], [0, 1]])).variance.tolist()
-        [1.0, 1.0]
-    """
-    found = neighbors >= 0
-    near = xyz[jnp.maximum(neighbors, 0)]
-    return LocalMoments(
-        found=found.sum(axis=-1, dtype=jnp.int32),
-        mean=masked_mean(near, found),
-        variance=masked_variance(near, found),
-        covariance=masked_covariance(near, found),
-    )

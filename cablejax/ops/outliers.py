@@ -5,9 +5,11 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from cablejax.ops.neighbors import KnnResult, distance_sums, knn, radius_count
+from cablejax.ops.precision import require_float32
 from cablejax.ops.quantile import quantile
 from cablejax.types import PointCloud, Status
 
@@ -40,7 +42,9 @@ def statistical_outliers(
 
     Section II.C of Su et al. (2025), steps 1 to 4. Equal to Open3D's `remove_statistical_outlier`, which counts the
     point itself, at distance zero, among its neighbours: `nb_neighbors = k` there is `k` here, and both average the
-    k - 1 nearest other points and a zero. The threshold uses the sample standard deviation (n - 1), strictly (<).
+    k - 1 nearest other points and a zero. The threshold uses the sample standard deviation (n - 1), strictly (<). One
+    difference: Open3D drops a point that has duplicates alone for neighbours, here it stays. Scores have a gradient where
+    `found` is given.
 
     Args:
         cloud: Points `[n, 3]`, any unit, with validity `[n]`.
@@ -54,10 +58,12 @@ def statistical_outliers(
     Raises:
         ValueError: If `k` is below 2, or `found` is not the neighbours of these points or has fewer than k - 1.
     """
+    require_float32(cloud__xyz=cloud.xyz)
     if k < 2:
         raise ValueError(f"k: expected at least 2 (the point itself counts), got {k}")
     if found is None:
         total, near, status = distance_sums(cloud.xyz, k=k - 1, mask=cloud.mask)
+        total = lax.stop_gradient(total)
     else:
         total, near, status = _sums_of(found, cloud, k - 1)
     return removal_by_sums(cloud, total, near, status, std_ratio)
@@ -71,14 +77,14 @@ def removal_by_sums(
     std_ratio: float | Float[Array, ""],
 ) -> OutlierResult:
     """`statistical_outliers` from what `distance_sums` gives."""
-    score = total / (near + 1)
+    score = total / (near + 1).astype(total.dtype)
     valid = _finite(cloud)
-    count = valid.sum()
-    mean = jnp.where(valid, score, 0.0).sum() / jnp.maximum(count, 1)
-    spread = jnp.square(jnp.where(valid, score - mean, 0.0)).sum() / jnp.maximum(count - 1, 1)
-    threshold = mean + std_ratio * jnp.sqrt(spread)
-    # Open3D drops a point whose mean distance is zero: it has duplicates alone for neighbours.
-    keep = valid & (score > 0) & (score < threshold)
+    count = valid.sum().astype(score.dtype)
+    mean = jnp.where(valid, score, 0.0).sum() / jnp.maximum(count, 1.0)
+    spread = jnp.square(jnp.where(valid, score - mean, 0.0)).sum() / jnp.maximum(count - 1.0, 1.0)
+    threshold = mean + std_ratio * _root(spread)
+    # Duplicates alone for neighbours are no outliers, whatever the threshold: where every point is there k times it is 0.
+    keep = valid & ((score < threshold) | (score == 0)) & (near > 0)
     return OutlierResult(keep, score, threshold, _status(cloud, status))
 
 
@@ -96,6 +102,7 @@ def radius_outliers(
     Returns:
         Points to keep, their count within the radius, `min_neighbors`, and status.
     """
+    require_float32(cloud__xyz=cloud.xyz)
     count = radius_count(cloud.xyz, radius=radius, mask=cloud.mask, include_self=True).count
     threshold = jnp.asarray(min_neighbors, dtype=jnp.float32)
     score = count.astype(jnp.float32)
@@ -120,13 +127,13 @@ def median_outliers(cloud: PointCloud, *, k: int = 20, ratio: float | Float[Arra
     Raises:
         ValueError: If `k` is below 1.
     """
+    require_float32(cloud__xyz=cloud.xyz)
     found = knn(cloud.xyz, k=k, mask=cloud.mask)
     near = found.neighbors >= 0
-    neighbors = cloud.xyz[jnp.maximum(found.neighbors, 0)]
-    median = jnp.nanmedian(jnp.where(near[..., None], neighbors, jnp.nan), axis=1)
     valid = _finite(cloud) & near.any(axis=1)
-    offset = jnp.where(valid[:, None], cloud.xyz - jnp.where(valid[:, None], median, 0.0), 0.0)
-    score = jnp.sqrt(jnp.square(offset).sum(axis=1))
+    xyz = jnp.where(valid[:, None], cloud.xyz, 0.0)
+    offset = jnp.where(valid[:, None], xyz - _median(xyz[jnp.maximum(found.neighbors, 0)], near), 0.0)
+    score = _root(jnp.square(offset).sum(axis=1))
     threshold = ratio * quantile(score, valid, 0.5)
     return OutlierResult(valid & (score <= threshold), score, threshold, _status(cloud, found.status))
 
@@ -137,10 +144,26 @@ def _sums_of(found: KnnResult, cloud: PointCloud, k: int) -> tuple[Array, Array,
     if n != cloud.xyz.shape[0] or m < k:
         raise ValueError(f"found: expected neighbours [{cloud.xyz.shape[0]}, at least {k}], got {[n, m]}")
     near = jnp.isfinite(found.sq_dist[:, :k])
-    total = jnp.sqrt(jnp.where(near, found.sq_dist[:, :k], 0.0)).sum(axis=1)
+    total = _root(jnp.where(near, found.sq_dist[:, :k], 0.0)).sum(axis=1)
     few = _finite(cloud) & ~near[:, -1]
-    status = (found.status & ~int(Status.TOO_FEW_NEIGHBORS)) | few * int(Status.TOO_FEW_NEIGHBORS)
-    return total, near.sum(axis=1), status.astype(jnp.int32)
+    status = (found.status & ~int(Status.TOO_FEW_NEIGHBORS)) | few.astype(jnp.int32) * int(Status.TOO_FEW_NEIGHBORS)
+    return total, near.sum(axis=1, dtype=jnp.int32), status.astype(jnp.int32)
+
+
+def _median(values: Float[Array, "n k 3"], valid: Bool[Array, "n k"]) -> Float[Array, "n 3"]:
+    """Median of each row's valid values, coordinate by coordinate; 0 where there are none."""
+    ordered = jnp.sort(jnp.where(valid[..., None], values, jnp.inf), axis=1)
+    count = valid.sum(axis=1, dtype=jnp.int32)
+    middle = (jnp.maximum(count - 1, 0) // 2, jnp.minimum(count // 2, valid.shape[1] - 1))
+    low, high = (jnp.take_along_axis(ordered, at[:, None, None], axis=1)[:, 0] for at in middle)
+    some = (count > 0)[:, None]
+    return jnp.where(some, 0.5 * (jnp.where(some, low, 0.0) + jnp.where(some, high, 0.0)), 0.0)
+
+
+def _root(square: Array) -> Array:
+    """Square root whose gradient at 0 is 0: double where."""
+    positive = square > 0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
 
 
 def _finite(cloud: PointCloud) -> Array:
@@ -151,8 +174,7 @@ def _finite(cloud: PointCloud) -> Array:
 def _status(cloud: PointCloud, per_point: Array | None) -> Array:
     """The bits of the points or-ed together, with EMPTY and NOT_FINITE for the cloud."""
     valid = _finite(cloud)
-    status = (~valid.any()) * int(Status.EMPTY) | (cloud.mask & ~valid).any() * int(Status.NOT_FINITE)
+    bits = {Status.EMPTY: ~valid.any(), Status.NOT_FINITE: (cloud.mask & ~valid).any()}
     if per_point is not None:
-        few = ((per_point & int(Status.TOO_FEW_NEIGHBORS)) != 0).any()
-        status = status | few * int(Status.TOO_FEW_NEIGHBORS)
-    return status.astype(jnp.int32)
+        bits[Status.TOO_FEW_NEIGHBORS] = ((per_point & int(Status.TOO_FEW_NEIGHBORS)) != 0).any()
+    return sum(true.astype(jnp.int32) * int(bit) for bit, true in bits.items())  # pyright: ignore[reportReturnType]

@@ -1,6 +1,6 @@
 """Rigid motions: the group SE(3) as 4 x 4 matrices, its exponential and logarithm, and the best motion between pairs.
 
-A motion is `T_target_source [4, 4]`, equation (9) of Su et al. (2025): it takes source coordinates to target ones.
+A motion is `T_target_source [4, 4]`, eq. (9) of Su et al. (2025): it takes source coordinates to target ones.
 Everything works on one motion; batch with `vmap`. Products ask for full float32 precision, since accelerators that
 round the factors first would lose a tenth of a millimetre on a metre.
 """
@@ -42,7 +42,7 @@ def _series(sq: Array) -> _Series:
 
 
 def compose(rotation: Float[Array, "3 3"], translation: Float[Array, "3"]) -> Float[Array, "4 4"]:
-    """Assemble `[R | t]`, equation (9), into a 4 x 4 matrix."""
+    """Assemble `[R | t]`, eq. (9), into a 4 x 4 matrix."""
     top = jnp.concatenate([rotation, translation[:, None]], axis=1)
     return jnp.concatenate([top, jnp.asarray([[0.0, 0.0, 0.0, 1.0]], dtype=top.dtype)], axis=0)
 
@@ -137,7 +137,7 @@ def kabsch(
 ) -> Float[Array, "4 4"]:
     """The rigid motion that best takes each source point to its target point, in the (weighted) least squares sense.
 
-    Kabsch (1976): equation (9) of Su et al. (2025) solved for known pairs. The result is a rotation even where a
+    Kabsch (1976): eq. (9) of Su et al. (2025) solved for known pairs. The result is a rotation even where a
     reflection would fit better (flat or mirrored sets). Where the pairs leave the rotation open (fewer than three, or
     all on a line), one of the equally good motions is returned.
 

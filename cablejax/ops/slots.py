@@ -1,24 +1,33 @@
 """Sums over neighbourhoods, one neighbour slot at a time, so that nothing of size n times k times 3 is made."""
 
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
+from cablejax.ops.varying import varying_like
+
 Sums = TypeVar("Sums")
 
 
-def gather(rows: Float[Array, "c n"], at: Int[Array, "..."]) -> Float[Array, "c ..."]:
-    """Columns of `rows` at given places, all of them in range; one gather a row, which XLA vectorises best."""
-    return jnp.stack([row.at[at].get(mode="promise_in_bounds") for row in rows])
+class Neighborhoods(NamedTuple):
+    """A cloud with the neighbourhood of each point, slot by slot.
+
+    Attributes:
+        xyz: Coordinates `[3, n]`, 0 where there is no point.
+        neighbors: The point itself, then its neighbours `[k + 1, n]`, -1 where there is none.
+        valid: Where there is a point with finite coordinates `[n]`.
+    """
+
+    xyz: Float[Array, "3 n"]
+    neighbors: Int[Array, "k n"]
+    valid: Bool[Array, " n"]
 
 
-def sum_over_slots(
-    neighbors: Int[Array, "k m"], term: Callable[[Int[Array, " m"], Bool[Array, " m"]], Sums], start: Sums | None = None
-) -> Sums:
+def sum_over_slots(neighbors: Int[Array, "k m"], term: Callable[[Int[Array, " m"], Bool[Array, " m"]], Sums]) -> Sums:
     """Sum what `term` makes of each slot of many neighbourhoods.
 
     Measured on 2 cores, 53,135 neighbourhoods of 100, 28 moments of each: this loop takes 50 ms, reducing arrays of
@@ -27,14 +36,29 @@ def sum_over_slots(
     Args:
         neighbors: Rows of the neighbours `[k, m]`, -1 where there is none.
         term: From the neighbours in one slot `[m]`, 0 where there is none, and whether there is one `[m]`, to arrays.
-        start: What to add the sum to; zeros if None.
     """
 
     def at_slot(slot: Any) -> Any:
         rows = lax.dynamic_index_in_dim(neighbors, slot, keepdims=False)
         return term(jnp.maximum(rows, 0), rows >= 0)
 
-    if start is None:
-        shapes = jax.eval_shape(at_slot, 0)
-        start = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), shapes)
+    shapes = jax.eval_shape(at_slot, 0)
+    start = jax.tree.map(lambda s: varying_like(jnp.zeros(s.shape, s.dtype), s), shapes)
     return lax.fori_loop(0, neighbors.shape[0], lambda slot, sums: jax.tree.map(jnp.add, sums, at_slot(slot)), start)
+
+
+def farthest(xyz: Float[Array, "3 n"], centre: Float[Array, "3 m"], neighbors: Int[Array, "k m"]) -> Float[Array, " m"]:
+    """Squared distance from each centre to its farthest neighbour; 0 where there is none."""
+
+    def at_slot(slot: Any, most: Array) -> Array:
+        rows = lax.dynamic_index_in_dim(neighbors, slot, keepdims=False)
+        sq_dist = jnp.square(gather(xyz, jnp.maximum(rows, 0)) - centre).sum(axis=0)
+        return jnp.maximum(most, jnp.where(rows >= 0, sq_dist, 0.0))
+
+    start = varying_like(jnp.zeros(centre.shape[1], xyz.dtype), xyz, centre, neighbors)
+    return lax.fori_loop(0, neighbors.shape[0], at_slot, start)
+
+
+def gather(rows: Float[Array, "c n"], at: Int[Array, "..."]) -> Float[Array, "c ..."]:
+    """Columns of `rows` at given places, all of them in range; one gather a row, which XLA vectorises best."""
+    return jnp.stack([row.at[at].get(mode="promise_in_bounds") for row in rows])

@@ -3,14 +3,22 @@
 from collections.abc import Callable
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from cablejax.ops.slots import sum_over_slots
 
 TINY = float(jnp.finfo(jnp.float32).tiny)
-RIDGE = 1e-6  # on terms scaled to size one: keeps collinear neighbourhoods solvable, moves others by less than rounding
+RIDGE = (
+    1e-6  # on covariances scaled to trace one: an axis of collinear points, which moves others by less than rounding
+)
 TERMS = {1: 3, 2: 6}  # coefficients of a plane and a quadric
+PIVOT = 1e-3  # least share of a term that the terms before it may leave unexplained; float32 sums are right to 1e-6
+THIN = (
+    1e-4  # least spread across a neighbourhood, squared, of its mean square distance: one part in a hundred is a line
+)
+ALONE = 0.9  # share of its own height in a fit from which on a point is not smoothed but interpolated
 
 Sample = Callable[[Int[Array, " m"], Bool[Array, " m"]], tuple[Float[Array, " m"], Float[Array, "3 m"]]]
 """From the neighbours in one slot to their weights `[m]`, zero where there is none, and offsets from the centre `[3, m]`."""
@@ -35,7 +43,7 @@ class Frame(NamedTuple):
 
 
 class SurfaceFit(NamedTuple):
-    """A height field over each centre's tangent plane.
+    """A height field over each centre's tangent plane, of the highest degree that its neighbours determine.
 
     Attributes:
         normal: Unit normal `[3, m]`, of either sign.
@@ -45,6 +53,8 @@ class SurfaceFit(NamedTuple):
         leverage: What a height of one in the centre itself would add to `height`, per unit of its weight `[m]`.
         coefficients: Of 1, u, v, u^2, uv, v^2 in the tangent plane `[3 or 6, m]`; lengths in units of `size`.
         size: Unit of length of the coefficients `[m]`.
+        degree: 2 a quadric, 1 a plane, 0 where the neighbours lie at one place or along a line `[m]` int32; `height` is
+            then that of their mean.
     """
 
     normal: Float[Array, "3 m"]
@@ -54,6 +64,7 @@ class SurfaceFit(NamedTuple):
     leverage: Float[Array, " m"]
     coefficients: Float[Array, "t m"]
     size: Float[Array, " m"]
+    degree: Int[Array, " m"]
 
 
 def fit_surface(sample: Sample, neighbors: Int[Array, "k m"], *, order: int) -> SurfaceFit:
@@ -88,7 +99,13 @@ def fit_frame(sample: Sample, neighbors: Int[Array, "k m"]) -> Frame:
 
 
 def fit_heights(sample: Sample, neighbors: Int[Array, "k m"], frame: Frame, *, order: int) -> SurfaceFit:
-    """Fit the heights over the tangent planes of given frames; see `fit_surface`."""
+    """Fit the heights over the tangent planes of given frames; see `fit_surface`.
+
+    A quadric counts as determined if none of its terms is, at the neighbours, all but a mixture of those before it
+    (`PIVOT`), its height rests on more than the point itself (`ALONE`), and it passes no farther from the centre than
+    the neighbours lie. Otherwise the plane of the same normal equations is taken, and where the neighbours' spread
+    across the normal is that of a line (`THIN`), their mean.
+    """
     first, second = tangents(frame.normal)
     terms = TERMS[order]
 
@@ -103,20 +120,74 @@ def fit_heights(sample: Sample, neighbors: Int[Array, "k m"], frame: Frame, *, o
 
     matrix, right, square, squared_weight = sum_over_slots(neighbors, moments)
     share = 1.0 / jnp.maximum(matrix[0], TINY)
-    lower = _cholesky(list(matrix * share[None]), terms)
-    right = list(right * share[None])
-    solution = _solve(lower, right)
-    one, none = jnp.ones_like(share), jnp.zeros_like(share)
-    leverage = _solve(lower, [one] + [none] * (terms - 1))[0] * share
-    explained = sum(c * r for c, r in zip(solution, right, strict=True))
-    # Weights w that sum to one count as 1 / sum(w^2) neighbours, of which the coefficients use up some.
-    free = jnp.maximum(1.0 - terms * squared_weight * share * share, 0.2)
-    rest = jnp.maximum(square * share - explained, TINY)
+    system = _Moments(list(matrix * share[None]), list(right * share[None]), square * share, squared_weight * share**2)
+    lower, pivots, distinct = _cholesky(system.matrix, terms)
+    flat = (jnp.minimum(pivots[1], pivots[2]) > THIN) & distinct[1] & distinct[2] & (matrix[0] > 0)
+    mean = _mean_height(system)
+    fit = _choose(flat, _polynomial(lower[:3], system), mean)
+    degree = flat.astype(jnp.int32)
+    if order == 2:
+        quadric = _polynomial(lower, system)
+        near = jnp.abs(quadric.coefficients[0]) <= 1.0  # in units of the neighbours' mean square distance
+        curved = flat & distinct[3] & distinct[4] & distinct[5] & near & (quadric.leverage * system.squared < ALONE)
+        fit = _choose(curved, quadric, fit._replace(coefficients=fit.coefficients + [jnp.zeros_like(share)] * 3))
+        degree = degree + curved.astype(jnp.int32)
+    solution, none = fit.coefficients, jnp.zeros_like(share)
     bend = 2.0 * (solution[3] + solution[5]) / frame.size if order == 2 else none
     return SurfaceFit(
-        frame.normal, solution[0] * frame.size, bend, jnp.sqrt(rest / free) * frame.size, leverage,
-        jnp.stack(solution), frame.size,
+        frame.normal, solution[0] * frame.size, bend, jnp.sqrt(fit.variance) * frame.size, fit.leverage * share,
+        jnp.stack(solution), frame.size, degree,
     )  # fmt: skip
+
+
+class _Moments(NamedTuple):
+    """Normal equations with weights that sum to one.
+
+    Attributes:
+        matrix: Lower triangles row by row, each entry `[m]`.
+        right: Right sides, each `[m]`.
+        square: Mean square of the heights `[m]`.
+        squared: Sum of the squared weights `[m]`: one over the number of neighbours that they amount to.
+    """
+
+    matrix: list[Array]
+    right: list[Array]
+    square: Float[Array, " m"]
+    squared: Float[Array, " m"]
+
+
+class _Polynomial(NamedTuple):
+    """A fit in scaled lengths: coefficients, squared noise and the leverage of a centre with all the weight."""
+
+    coefficients: list[Array]
+    variance: Float[Array, " m"]
+    leverage: Float[Array, " m"]
+
+
+def _polynomial(lower: list[list[Array]], system: _Moments) -> _Polynomial:
+    """The fit of as many terms as there are factors."""
+    terms = len(lower)
+    solution = _solve(lower, system.right[:terms])
+    one, none = jnp.ones_like(system.square), jnp.zeros_like(system.square)
+    leverage = _solve(lower, [one] + [none] * (terms - 1))[0]
+    return _Polynomial(solution, _variance(solution, system), leverage)
+
+
+def _mean_height(system: _Moments) -> _Polynomial:
+    """The mean of the heights, as a plane across the normal."""
+    mean, none = system.right[0], jnp.zeros_like(system.square)
+    return _Polynomial([mean, none, none], _variance([mean], system), jnp.ones_like(mean))
+
+
+def _variance(solution: list[Array], system: _Moments) -> Float[Array, " m"]:
+    """Mean square that a fit leaves, over the share of the neighbours that its coefficients do not use up."""
+    explained = sum(c * r for c, r in zip(solution, system.right, strict=False))
+    free = jnp.maximum(1.0 - len(solution) * system.squared, 0.2)
+    return jnp.maximum(system.square - explained, TINY) / free
+
+
+def _choose(condition: Bool[Array, " m"], chosen: _Polynomial, other: _Polynomial) -> _Polynomial:
+    return jax.tree.map(lambda a, b: jnp.where(condition, a, b), chosen, other)
 
 
 def residual(fit: SurfaceFit) -> Callable[[Float[Array, "3 m"]], tuple[Array, Array]]:
@@ -149,7 +220,9 @@ def least_axis(covariance: Float[Array, "6 m"]) -> tuple[Float[Array, "3 m"], Fl
     leaves the projector onto the wanted one. Where the two smallest agree to a percent, any mixture of them comes out.
     """
     trace = jnp.maximum(covariance[:3].sum(axis=0), TINY)
-    xx, yy, zz, xy, yz, zx = covariance / trace[None] + jnp.asarray([RIDGE] * 3 + [0.0] * 3)[:, None]
+    xx, yy, zz, xy, yz, zx = (
+        covariance / trace[None] + jnp.asarray([RIDGE] * 3 + [0.0] * 3, dtype=covariance.dtype)[:, None]
+    )
     power = jnp.stack(
         [
             yy * zz - yz * yz,
@@ -188,17 +261,25 @@ def tangents(normal: Float[Array, "3 m"]) -> tuple[Float[Array, "3 m"], Float[Ar
     return jnp.stack([1.0 + sign * x * x * a, sign * b, -sign * x]), jnp.stack([b, sign + y * y * a, -y])
 
 
-def _cholesky(matrix: list[Array], m: int) -> list[list[Array]]:
-    """Lower factors of matrices given by their lower triangles row by row, unrolled."""
+def _cholesky(matrix: list[Array], m: int) -> tuple[list[list[Array]], list[Array], list[Array]]:
+    """Lower factors of matrices given by their lower triangles row by row, unrolled.
+
+    With them each pivot, what of a term the terms before it leave unexplained, and whether that is more than rounding.
+    Where it is not, 1 stands in its place: the factors are not used there, but their gradient must be finite.
+    """
     lower: list[list[Array]] = [[] for _ in range(m)]
-    entries = iter(matrix)
+    pivots, distinct, entries = [], [], iter(matrix)
     for i in range(m):
         for j in range(i + 1):
-            entry = next(entries) + (RIDGE if i == j else 0.0)
+            whole = entry = next(entries)
             for p in range(j):
                 entry = entry - lower[i][p] * lower[j][p]
-            lower[i].append(jnp.sqrt(jnp.maximum(entry, RIDGE * RIDGE)) if i == j else entry / lower[j][j])
-    return lower
+            if i == j:
+                pivots.append(entry)
+                distinct.append((entry > PIVOT * whole) & (entry > TINY**0.5))
+                entry = jnp.sqrt(jnp.where(distinct[i], entry, 1.0))
+            lower[i].append(entry if i == j else entry / lower[j][j])
+    return lower, pivots, distinct
 
 
 def _solve(lower: list[list[Array]], right: list[Array]) -> list[Array]:

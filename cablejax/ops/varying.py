@@ -3,7 +3,6 @@
 from typing import Any, TypeVar
 
 import jax
-from jaxtyping import Array
 
 T = TypeVar("T")
 
@@ -15,14 +14,14 @@ def varying_like(tree: T, *like: Any) -> T:
     """
     axes = frozenset().union(*(_axes(leaf) for leaf in jax.tree.leaves(like)))
 
-    def cast(array: Array) -> Array:
+    def cast(array: jax.Array) -> jax.Array:
         missing = tuple(sorted(axes - _axes(array)))
         return jax.lax.pcast(array, missing, to="varying") if missing else array
 
     return jax.tree.map(cast, tree) if axes else tree
 
 
-def _axes(array: Array) -> frozenset[str]:
+def _axes(array: Any) -> frozenset[str]:
     """Mesh axes over which an array varies: `vma` in newer jax."""
     kind: Any = jax.typeof(array)
     return kind.vma if hasattr(kind, "vma") else kind.manual_axis_type.varying

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from cablejax.io import PointWriter, iter_points
-from cablejax.ops import Trial, choose_alpha, pilot_step, width_trial
+from cablejax.ops import Trial, choose_alpha, pilot_step, usual_noise, width_trial
 from cablejax.tiles import kernels
 from cablejax.tiles.folder import Folder, TilePoints
 from cablejax.tiles.plan import Tile, add, cut, empty_grid
@@ -201,18 +201,20 @@ class _Run:
         valid = np.isfinite(self.points).all(axis=1)
         used = np.asarray(score, dtype=np.float64)[valid]
         threshold = used.mean() + self.settings.std_ratio * used.std(ddof=1)
-        self.keep[:] = valid & (score > 0) & (score < threshold)
+        self.keep[:] = valid & (
+            (score < threshold) | (score == 0)
+        )  # as `statistical_outliers`: duplicates are no outliers
         self.keep.flush()
         self.folder.finish("removal", {"points": int(valid.sum()), "removed": int(valid.sum() - self.keep.sum())})
 
     def smooth(self) -> None:
         """Estimate the width from pilot points of all tiles, then filter tile by tile."""
-        alpha = self._alpha()
+        alpha, usual = self._width()
         moved = self.folder.column("moved", np.float32, (self.n, 3))
         options = {"k": self.settings.k, "order": self.settings.order, "refinements": self.settings.refinements}
         for i, tile, points in self._unfinished("smoothing"):
             cloud = kernels.padded(points.xyz, self.capacity)
-            result = kernels.smooth(cloud, self._kept(points), jnp.float32(alpha), **options)
+            result = kernels.smooth(cloud, self._kept(points), jnp.float32(alpha), jnp.float32(usual), **options)
             mine = np.nonzero(points.inner & self.keep[points.row])[0]
             xyz = np.asarray(result.xyz)[mine]
             moved[points.row[mine]] = xyz
@@ -227,10 +229,13 @@ class _Run:
         keep[: len(points.row)] = self.keep[points.row]
         return jnp.asarray(keep)
 
-    def _alpha(self) -> float:
-        known = self.folder.done("alpha")
-        if known is not None or self.settings.order == 0:
-            return 1.0 if known is None else known
+    def _width(self) -> tuple[float, float]:
+        """The width of eq. (5) per local noise, and the usual noise off the surface, of the whole cloud."""
+        known, usual = self.folder.done("alpha"), self.folder.done("usual noise")
+        if self.settings.order == 0:
+            return 1.0, 0.0
+        if known is not None and usual is not None:
+            return known, usual
         step, parts = pilot_step(self.n), []
         for _, _, points in self._unfinished("width"):
             rows = np.nonzero(points.inner & (points.row % step == 0))[0]
@@ -242,7 +247,9 @@ class _Run:
                 trial = width_trial(cloud, keep, jnp.asarray(some), k=self.settings.k, order=self.settings.order)
                 parts.append(trial)
         whole = Trial(*(jnp.concatenate(fields, axis=-1) for fields in zip(*parts, strict=True)))
-        return self.folder.finish("alpha", float(choose_alpha(whole)))
+        alpha = choose_alpha(whole)
+        usual = self.folder.finish("usual noise", float(usual_noise(whole, alpha)))
+        return self.folder.finish("alpha", float(alpha)), usual
 
     def write(self, source: Path, target: Path, unit: str, columns: str | None, chunk: int) -> TiledResult:
         """Read the source again and write what is left of it."""

@@ -41,11 +41,15 @@ def scores(cloud: PointCloud, *, removal_k: int) -> tuple[Float[Array, " m"], Fl
 
 
 @partial(jax.jit, static_argnames=("k", "order", "refinements"))
-def smooth(cloud: PointCloud, keep: Array, alpha: Array | float, *, k: int, order: int, refinements: int) -> Smoothed:
+def smooth(
+    cloud: PointCloud, keep: Array, alpha: Array, usual: Array, *, k: int, order: int, refinements: int
+) -> Smoothed:
     """The adaptive filter on the kept points of a tile, with the search over all of them, as `clean` does it."""
     found = knn(cloud.xyz, k=k, mask=cloud.mask)
     kept = PointCloud(cloud.xyz, keep)
-    result = adaptive_filter(kept, k=k, alpha=alpha, order=order, refinements=refinements, found=found)
+    result = adaptive_filter(
+        kept, k=k, alpha=alpha, usual_noise=usual, order=order, refinements=refinements, found=found
+    )
     need = reach = _reach(found)
     near = found.neighbors.T
     for _ in range(refinements if order else 0):

@@ -5,7 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from cablejax.ops.raster import cylinder_frame, cylinder_raster, principal_frame, raster_taps, sample_raster
+from cablejax.ops.cylinder import cylinder_frame, principal_frame
+from cablejax.ops.raster import cylinder_raster, raster_taps, sample_raster
 from cablejax.types import Status
 
 N = 256

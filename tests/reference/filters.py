@@ -14,9 +14,10 @@ def adaptive_filter(xyz, *, k, alpha, beta, gamma, tau, order=0, form="linear", 
     width = alpha * noise + beta if form == "linear" else beta * np.exp(alpha * noise / beta)  # (4), (5)
     edge = edge_weight(xyz, neighbors, gamma, tau)
     fits = [surface(xyz[a] - xyz[a[0]], edge[a] * gauss(xyz[a] - xyz[a[0]], width[a[0]]), order) for a in around]
-    place = xyz + [move for move, _, _ in fits]  # (8) where order is 0
+    place = xyz + [fit[0] for fit in fits]  # (8) where order is 0
+    reach = [np.linalg.norm(xyz[a] - xyz[a[0]], axis=1).max() for a in around]
     for _ in range(refinements):
-        normal = np.array([n for _, n, _ in fits])
+        normal = np.array([fit[1] for fit in fits])
         trust = np.array(
             [np.exp(-0.5 * ((p - x) ** 2).sum() / (3 * f[2]) ** 2) for p, x, f in zip(place, xyz, fits, strict=True)]
         )
@@ -25,8 +26,10 @@ def adaptive_filter(xyz, *, k, alpha, beta, gamma, tau, order=0, form="linear", 
             * np.exp((np.abs(normal[a] @ normal[a[0]]) - 1) / 0.6**2)
             for a in around
         ]  # fmt: skip
-        fits = [surface(xyz[a] - place[a[0]], w, order) for a, w in zip(around, weights, strict=True)]
-        place = place + [move for move, _, _ in fits]
+        again = [surface(xyz[a] - place[a[0]], w, order) for a, w in zip(around, weights, strict=True)]
+        for i, (old, new) in enumerate(zip(fits, again, strict=True)):
+            if new[3] >= old[3] and np.linalg.norm(place[i] + new[0] - xyz[i]) <= reach[i]:
+                fits[i], place[i] = new, place[i] + new[0]
     return place, width
 
 
@@ -48,17 +51,22 @@ def gauss(offsets, width):
 def surface(offsets, weight, order):
     """Where the origin moves: to the weighted mean, or along the normal onto the weighted plane or quadric.
 
-    With it the normal, and the weighted standard deviation from the surface, its coefficients allowed for.
+    With it the normal, the weighted standard deviation from the surface, its coefficients allowed for, and its degree:
+    1 instead of 2 where a quadric would rest on the origin alone or pass farther off than the neighbours lie.
     """
     weight = weight / weight.sum()
     mean = weight @ offsets
     if order == 0:
-        return mean, None, None
+        return mean, None, None, 0
     centred = offsets - mean
     axes = np.linalg.eigh(np.einsum("k,ki,kj->ij", weight, centred, centred))[1]
     normal, u, v = axes[:, 0], offsets @ axes[:, 2], offsets @ axes[:, 1]
     terms = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=1)[:, : 3 if order == 1 else 6]
-    root, height = np.sqrt(weight), offsets @ normal
+    root, height, alike = np.sqrt(weight), offsets @ normal, (weight**2).sum()
     solution = np.linalg.lstsq(terms * root[:, None], height * root, rcond=None)[0]
-    free = max(1 - terms.shape[1] * (weight**2).sum(), 0.2)
-    return solution[0] * normal, normal, np.sqrt(weight @ (height - terms @ solution) ** 2 / free)
+    leverage = np.linalg.pinv((terms * weight[:, None]).T @ terms)[0, 0]
+    if order == 2 and (leverage * alike >= 0.9 or solution[0] ** 2 > weight @ (offsets**2).sum(1)):
+        return surface(offsets, weight, 1)
+    free = max(1 - terms.shape[1] * alike, 0.2)
+    noise = np.sqrt(weight @ (height - terms @ solution) ** 2 / free)
+    return solution[0] * normal, normal, noise, order

@@ -1,0 +1,75 @@
+"""The width chosen for the filter, from trials that are written down."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from cablejax.ops import Trial, choose_alpha, usual_noise
+from cablejax.ops.filter_width import LIFT, SHARES
+
+M = 400
+
+
+def trial(loss, noise=0.01, local=1.0):
+    """The same loss for every point, a little scattered, so that the best is known."""
+    scatter = 1 + 0.01 * np.random.default_rng(0).normal(size=M)
+    noise = np.broadcast_to(np.asarray(noise), (len(SHARES),))
+    return Trial(
+        jnp.asarray(np.outer(loss, scatter), jnp.float32),
+        jnp.asarray(np.outer(noise, np.ones(M)), jnp.float32),
+        jnp.full(M, local, jnp.float32),
+    )
+
+
+def valley(place, depth=1.0):
+    """Losses that are a parabola in the logarithm of the width."""
+    return depth + 0.3 * (np.arange(len(SHARES)) - place) ** 2
+
+
+@pytest.mark.parametrize("place", [2.0, 4.3, 7.8])
+def test_the_lowest_loss_is_found_between_the_widths(place):
+    share = SHARES[0] * 1.25**place
+    np.testing.assert_allclose(choose_alpha(trial(valley(place))), share, rtol=0.02)
+
+
+def test_the_width_grows_where_the_noise_is_no_longer_small():
+    share = SHARES[5]
+    expected = share * np.sqrt(1 + LIFT * (0.4 / share) ** 4)
+    np.testing.assert_allclose(choose_alpha(trial(valley(5.0), noise=0.4)), expected, rtol=0.02)
+
+
+def test_a_kernel_narrower_than_the_noise_is_not_believed():
+    loss = valley(6.0)
+    loss[:2] = 0.1
+    noise = np.where(np.arange(len(SHARES)) < 2, 0.5, 0.05)
+    np.testing.assert_allclose(choose_alpha(trial(loss, noise=noise)), SHARES[6], rtol=0.02)
+
+
+def test_one_point_in_a_hundred_does_not_count():
+    strays = trial(valley(5.0))
+    loss = strays.loss.at[:, :3].set(jnp.asarray(1e3 * valley(11.0), jnp.float32)[:, None])
+    np.testing.assert_allclose(choose_alpha(strays._replace(loss=loss)), choose_alpha(strays), rtol=0.02)
+
+
+def test_rows_without_a_point_do_not_count_and_none_gives_one():
+    plain = trial(valley(5.0))
+    more = Trial(
+        jnp.concatenate([plain.loss, jnp.full((len(SHARES), 50), 7.0)], axis=1),
+        jnp.concatenate([plain.noise, jnp.full((len(SHARES), 50), 7.0)], axis=1),
+        jnp.concatenate([plain.local, jnp.zeros(50)]),
+    )
+    np.testing.assert_allclose(choose_alpha(more), choose_alpha(plain), rtol=1e-4)
+    assert float(choose_alpha(trial(valley(5.0), local=0.0))) == 1.0
+
+
+def test_usual_noise_is_a_tenth_percentile_at_the_width():
+    scattered = trial(valley(5.0))
+    noise = jnp.asarray(np.outer(np.arange(1, len(SHARES) + 1), np.linspace(0, 1, M)), jnp.float32)
+    got = usual_noise(scattered._replace(noise=noise), jnp.float32(np.sqrt(SHARES[3] * SHARES[4])))
+    np.testing.assert_allclose(got, 0.1 * 4.5, rtol=1e-3)
+
+
+def test_no_gradient_flows():
+    plain = trial(valley(5.0))
+    assert not np.asarray(jax.grad(lambda loss: choose_alpha(plain._replace(loss=loss)))(plain.loss)).any()
