@@ -125,10 +125,11 @@ def _halve(points: Float[Array, "3 size"], rows: Int[Array, " size"], nodes: int
         first = jnp.minimum(jnp.arange(nodes << (halvings - 1), dtype=jnp.int32), (nodes << done) - 1) << node_bits
         step = jnp.arange(SAMPLE, dtype=jnp.int32) << (node_bits - step_bits)
         at = first[:, None] + step[None, :]
-        stats = _main_axis(_take(points, at), _take(rows, at) >= 0)
+        axis, start, scale = _main_axis(_take(points, at), _take(rows, at) >= 0)
         shift = node_bits.astype(jnp.uint32)
         node = (place >> shift).astype(jnp.int32)
-        cell = _cells(points, rows, *(_take(each, node) for each in stats), cell_bits)
+        axis, start, scale = (_take(each, node) for each in (axis, start, scale))
+        cell = _cells(points, rows, axis, start, scale, cell_bits)
         in_old = (place & np.uint32(2**bits - 1)) >> shift
         within = (jnp.uint32(1) << shift) - 1
         key = ((in_old << cell_bits | cell) << shift | (place & within)).reshape(nodes, -1)
