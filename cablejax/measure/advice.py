@@ -52,8 +52,8 @@ def check_labels(valid: Bool[np.ndarray, " n"], on_cable: Bool[np.ndarray, " n"]
 def not_found_again(why: str) -> MeasureError:
     """The error where a simulated scan of the cable that was found, by the scanner's numbers, shows none."""
     return MeasureError(
-        "The diameter cannot be told: a scan of the cable that was found, made with the scanner's numbers, does not show it "
-        f"({why.rstrip('.')}). Are the numbers right? Scan the cable with less noise or from more sides."
+        "The diameter cannot be told: a scan of the cable that was found, with as much noise, does not show it "
+        f"({why.rstrip('.')}). Scan the cable with less noise or from more sides."
     )
 
 
@@ -106,6 +106,22 @@ def too_rough(noise_mm: float, radius_mm: float) -> MeasureError:
     return MeasureError(
         f"No cable found: what is roundest has a radius of {radius_mm:.3g} mm, and the points scatter by {noise_mm:.3g} mm "
         "about it. Cut the scan closer to the cable, or scan it with less noise."
+    )
+
+
+def not_round(faces: int, diameter_mm: float) -> MeasureError:
+    """The error for a section of flat faces: a box, its edge, a bar."""
+    return MeasureError(
+        f"No cable found: what is roundest, some {diameter_mm:.3g} mm across, is better explained by {faces} flat faces than "
+        "by a circle. Cut the scan closer to the cable."
+    )
+
+
+def not_one_surface(shared_mm: float, radius_mm: float) -> MeasureError:
+    """The error for points that leave the circle together: a thing of another shape, or several."""
+    return MeasureError(
+        f"No cable found: what is roundest has a radius of {radius_mm:.3g} mm, and neighbouring points leave it together by "
+        f"{shared_mm:.3g} mm: it is of another shape, or several things. Cut the scan closer to the cable."
     )
 
 
