@@ -49,11 +49,14 @@ def check_labels(valid: Bool[np.ndarray, " n"], on_cable: Bool[np.ndarray, " n"]
         )
 
 
-def not_found_again(why: str) -> MeasureError:
-    """The error where a simulated scan of the cable that was found, by the scanner's numbers, shows none."""
+def not_found_again(why: str, *, known: bool) -> MeasureError:
+    """The error where a simulated scan of the cable that was found shows none: by the scanner's numbers, or the noise found."""
+    made, doubt = (
+        ("made with the scanner's numbers", "Are the numbers right? ") if known else ("with as much noise", "")
+    )
     return MeasureError(
-        "The diameter cannot be told: a scan of the cable that was found, with as much noise, does not show it "
-        f"({why.rstrip('.')}). Scan the cable with less noise or from more sides."
+        f"The diameter cannot be told: a scan of the cable that was found, {made}, does not show it "
+        f"({why.rstrip('.')}). {doubt}Scan the cable with less noise or from more sides."
     )
 
 
@@ -98,6 +101,15 @@ def arc_too_small(arc_deg: float, least_deg: float, find: Find) -> MeasureError:
     return MeasureError(
         f"The scan shows {arc_deg:.0f} degrees of the circumference, and at least {least_deg:.0f} are needed for a "
         f"diameter.{flat} Scan the cable from a second side."
+    )
+
+
+def arc_too_small_for_errors(arc_deg: float, least_deg: float, shared_mm: float) -> MeasureError:
+    """The error for a short arc seen by a scanner whose errors hang together."""
+    return MeasureError(
+        f"The diameter cannot be told: neighbouring points share errors of {shared_mm:.2g} mm, as on glossy surfaces or behind a "
+        f"filter, and over {arc_deg:.0f} degrees of the circumference these look like another diameter; at least {least_deg:.0f} "
+        "are needed, or the scanner's own numbers. Scan the cable from a second side."
     )
 
 

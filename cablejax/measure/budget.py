@@ -65,7 +65,7 @@ def uncertainty_budget(
             "noise of higher order",
             higher_mm,
             "B",
-            "what the noise adds to the fitted cable scanned anew, less what the formula for it tells",
+            "what noise does to the fitted cable scanned anew beyond the formula; of a known scanner 30 s^3 / R^2",
         ),
         BudgetLine("rounding and the axis's spline", rounding, "B", f"{ROUNDING:g} of the diameter"),
     ]

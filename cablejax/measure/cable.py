@@ -11,6 +11,7 @@ from cablejax.measure.advice import (
     SHIFTED,
     about_instrument,
     arc_too_small,
+    arc_too_small_for_errors,
     check_cloud,
     check_labels,
     not_found_again,
@@ -43,11 +44,14 @@ from cablejax.measure.walk import Walk
 from cablejax.types import PointCloud
 
 MIN_ON_CABLE = 30
-WORST_STD = 0.2  # of the diameter: beyond, there is none to report
+WORST_STD = 0.25  # of the diameter: beyond, the interval reaches from less than half of it to more than one and a half
+SHARED_ARC_DEG = 65.0  # with errors that neighbours share, an arc below tells nothing unless the scanner is known
+SHARED_MOST = 0.5  # of the scatter: shared errors above are the scanner's own, and not its noise
 KNOTS = 1.0  # diameters between knots of an axis that bends
 COARSE_POINTS = 8_000  # on which the first fits are made
 PER_SECTION = 40  # points, on average, that a section must hold at least
-ROUGHEST = 0.4  # scatter over the radius, above which the points lie on no surface of that radius
+ROUGHEST = 0.33  # scatter over the radius; points that fill a cylinder evenly scatter by .35 of their mean distance
+KNOWN_STEEP = 30.0  # s^3 / R^2: what a known scanner's correction leaves open, as found on simulated scans
 ROUGHEST_SHARED = 0.1  # of the radius: neighbouring points that leave the circle together by more lie on something else
 KEEP_SIGMA = 3.5  # standard deviations from the surface within which a point counts as the cable's
 
@@ -274,7 +278,7 @@ def _beams(fitted: _Fitted, settings: MeasureSettings) -> BeamBias:
             rng = np.random.default_rng(settings.seed)
             known = known_beam_bias(fitted.fit, fitted.sweep, settings.instrument, _refit(fitted, settings), rng)
         except MeasureError as error:
-            raise not_found_again(str(error)) from None
+            raise not_found_again(str(error), known=True) from None
     return beam_bias(fitted.fit, fitted.sweep) if known is None else known
 
 
@@ -297,12 +301,12 @@ def _higher(fitted: _Fitted, beam: BeamBias, settings: MeasureSettings) -> float
         MeasureError: If with its noise put on anew the fitted cable cannot be fitted again.
     """
     if beam.excess is not None:
-        return 0.0  # the scanner's own numbers gave all orders at once
+        return KNOWN_STEEP * fitted.fit.noise_mm**3 / fitted.fit.radius_mm**2
     rng = np.random.default_rng(settings.seed)
     try:
         return abs(rescanned(fitted.fit, fitted.sweep, _refit(fitted, settings), rng) - beam.bias_mm)
     except MeasureError as error:
-        raise not_found_again(str(error)) from None
+        raise not_found_again(str(error), known=False) from None
 
 
 def _best(
@@ -474,6 +478,8 @@ def _assembled(
     shared, open_mm = shared_mm(fit, sweep)
     if shared > ROUGHEST_SHARED * fit.radius_mm:
         raise not_one_surface(shared, fit.radius_mm)
+    if arc < SHARED_ARC_DEG and shared > SHARED_MOST * fit.noise_mm and settings.instrument is None:
+        raise arc_too_small_for_errors(arc, SHARED_ARC_DEG, shared)
     lines.append(unseen_errors(shared, open_mm))
     std = combined(lines)
     if std > WORST_STD * diameter:

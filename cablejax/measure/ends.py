@@ -33,7 +33,7 @@ def extent(along: Float[np.ndarray, " n"], angle: Float[np.ndarray, " n"], *, ra
     covered = np.zeros((count, int(360 / BIN_DEG)), dtype=bool)
     covered[slab, bins_of(angle)] = True
     arc = covered.sum(axis=1)
-    points = np.bincount(slab, minlength=count)
+    points = np.bincount(slab, minlength=count).astype(float)
     order = np.argsort(arc, kind="stable")
     usual = arc[order][np.searchsorted(np.cumsum(points[order]), 0.5 * len(along))]
     first, last = joined(arc >= LEAST_ARC * usual, points)
