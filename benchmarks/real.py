@@ -27,7 +27,7 @@ ANSWERS = ("diameter_mm", "std_mm", "interval_mm", "arc_deg", "noise_mm", "lengt
 
 
 def truths(folder: Path) -> list[dict[str, Any]]:
-    """The scans with their grades and true diameters: none where nothing is known, an empty list where no cable is there."""
+    """The scans with their grades and what is true of them: diameters, "no cable", or "" where nothing is known."""
     with (folder / "truth.csv").open(newline="") as stream:
         lines = list(csv.DictReader(stream))
     return [
