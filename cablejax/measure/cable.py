@@ -46,6 +46,7 @@ from cablejax.types import PointCloud
 MIN_ON_CABLE = 30
 WORST_STD = 0.25  # of the diameter: beyond, the interval reaches from less than half of it to more than one and a half
 SHARED_ARC_DEG = 65.0  # with errors that neighbours share, an arc below tells nothing unless the scanner is known
+LEAST_OPEN = 0.02  # of the radius, that they must leave open to matter: scans without noise share micrometres
 SHARED_MOST = 0.5  # of the scatter: shared errors above are the scanner's own, and not its noise
 KNOTS = 1.0  # diameters between knots of an axis that bends
 COARSE_POINTS = 8_000  # on which the first fits are made
@@ -478,7 +479,8 @@ def _assembled(
     shared, open_mm = shared_mm(fit, sweep)
     if shared > ROUGHEST_SHARED * fit.radius_mm:
         raise not_one_surface(shared, fit.radius_mm)
-    if arc < SHARED_ARC_DEG and shared > SHARED_MOST * fit.noise_mm and settings.instrument is None:
+    much = shared > SHARED_MOST * fit.noise_mm and open_mm > LEAST_OPEN * fit.radius_mm
+    if arc < SHARED_ARC_DEG and much and settings.instrument is None:
         raise arc_too_small_for_errors(arc, SHARED_ARC_DEG, shared)
     lines.append(unseen_errors(shared, open_mm))
     std = combined(lines)
