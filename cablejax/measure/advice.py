@@ -49,11 +49,14 @@ def check_labels(valid: Bool[np.ndarray, " n"], on_cable: Bool[np.ndarray, " n"]
         )
 
 
-def not_found_again(why: str) -> MeasureError:
-    """The error where a simulated scan of the cable that was found, by the scanner's numbers, shows none."""
+def not_found_again(why: str, *, known: bool) -> MeasureError:
+    """The error where a simulated scan of the cable that was found shows none: by the scanner's numbers, or the noise found."""
+    made, doubt = (
+        ("made with the scanner's numbers", "Are the numbers right? ") if known else ("with as much noise", "")
+    )
     return MeasureError(
-        "The diameter cannot be told: a scan of the cable that was found, made with the scanner's numbers, does not show it "
-        f"({why.rstrip('.')}). Are the numbers right? Scan the cable with less noise or from more sides."
+        f"The diameter cannot be told: a scan of the cable that was found, {made}, does not show it "
+        f"({why.rstrip('.')}). {doubt}Scan the cable with less noise or from more sides."
     )
 
 
@@ -101,11 +104,36 @@ def arc_too_small(arc_deg: float, least_deg: float, find: Find) -> MeasureError:
     )
 
 
+def arc_too_small_for_errors(arc_deg: float, least_deg: float, shared_mm: float) -> MeasureError:
+    """The error for a short arc seen by a scanner whose errors hang together."""
+    return MeasureError(
+        f"The diameter cannot be told: neighbouring points share errors of {shared_mm:.2g} mm, as on glossy surfaces or behind a "
+        f"filter, and over {arc_deg:.0f} degrees of the circumference these look like another diameter; at least {least_deg:.0f} "
+        "are needed, or the scanner's own numbers. Scan the cable from a second side."
+    )
+
+
 def too_rough(noise_mm: float, radius_mm: float) -> MeasureError:
     """The error for points that lie about a fit rather than on it."""
     return MeasureError(
         f"No cable found: what is roundest has a radius of {radius_mm:.3g} mm, and the points scatter by {noise_mm:.3g} mm "
         "about it. Cut the scan closer to the cable, or scan it with less noise."
+    )
+
+
+def not_round(faces: int, diameter_mm: float) -> MeasureError:
+    """The error for a section of flat faces: a box, its edge, a bar."""
+    return MeasureError(
+        f"No cable found: what is roundest, some {diameter_mm:.3g} mm across, is better explained by {faces} flat faces than "
+        "by a circle. Cut the scan closer to the cable."
+    )
+
+
+def not_one_surface(shared_mm: float, radius_mm: float) -> MeasureError:
+    """The error for points that leave the circle together: a thing of another shape, or several."""
+    return MeasureError(
+        f"No cable found: what is roundest has a radius of {radius_mm:.3g} mm, and neighbouring points leave it together by "
+        f"{shared_mm:.3g} mm: it is of another shape, or several things. Cut the scan closer to the cable."
     )
 
 

@@ -8,13 +8,11 @@ from cablejax.measure.fit import CableFit
 from cablejax.measure.result import BudgetLine
 
 COVERAGE = 1.96
-STEEP = 150.0  # noise s of a tenth of the radius R moves a diameter by about its own size, by what is of third order in s / R
-KNOWN_STEEP = 30.0  # the same where the scanner is known, and its noise has been put on the fitted cable anew
 ROUNDING = 1e-5
 
 
 def uncertainty_budget(
-    fit: CableFit, profile: Profile | None, *, bias: BeamBias, scale_std: float, filter_std_mm: float
+    fit: CableFit, profile: Profile | None, *, bias: BeamBias, higher_mm: float, scale_std: float, filter_std_mm: float
 ) -> list[BudgetLine]:
     """Sources of uncertainty of the diameter, each with its standard deviation in mm.
 
@@ -23,6 +21,7 @@ def uncertainty_budget(
         profile: Errors shared by whole directions, as of stations that do not fit together; None where every station's
             shift is part of the fit.
         bias: What the beams have done to the diameter, and was taken off.
+        higher_mm: What the noise does to the diameter beyond that.
         scale_std: Relative standard deviation of the scanner's scale.
         filter_std_mm: Standard deviation of the diameter that a filter applied before has left.
     """
@@ -60,11 +59,14 @@ def uncertainty_budget(
             bias.how,
         ),
     ]
-    steep = STEEP if bias.excess is None else KNOWN_STEEP
-    coarse = steep * fit.noise_mm**3 / fit.radius_mm**2
     rounding = ROUNDING * 2 * fit.radius_mm
     lines += [
-        BudgetLine("noise as large as the curve", coarse, "B", f"{steep:g} s^3 / R^2, as found on simulated scans"),
+        BudgetLine(
+            "noise of higher order",
+            higher_mm,
+            "B",
+            "what noise does to the fitted cable scanned anew beyond the formula; of a known scanner 30 s^3 / R^2",
+        ),
         BudgetLine("rounding and the axis's spline", rounding, "B", f"{ROUNDING:g} of the diameter"),
     ]
     given = [
@@ -72,6 +74,12 @@ def uncertainty_budget(
         (filter_std_mm, "filter", "left by the filter as given"),
     ]
     return lines + [BudgetLine(source, float(std), "B", how) for std, source, how in given if std > 0]
+
+
+def unseen_errors(shared_mm: float, radius_std_mm: float) -> BudgetLine:
+    """What errors that neighbouring points share may hold of another radius."""
+    how = f"neighbours share errors of {shared_mm:.2g} mm; a part of such errors looks like another radius"
+    return BudgetLine("shared errors that look like another radius", 2 * radius_std_mm, "B", how)
 
 
 def combined(lines: list[BudgetLine]) -> float:

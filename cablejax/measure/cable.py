@@ -1,6 +1,6 @@
 """From a scan to a diameter: find the cable, fit its axis and radius, and say how well each number is known."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -11,9 +11,12 @@ from cablejax.measure.advice import (
     SHIFTED,
     about_instrument,
     arc_too_small,
+    arc_too_small_for_errors,
     check_cloud,
     check_labels,
     not_found_again,
+    not_one_surface,
+    not_round,
     nothing_found,
     strayed,
     too_flat,
@@ -22,11 +25,12 @@ from cablejax.measure.advice import (
     warnings_about,
 )
 from cablejax.measure.alignment import Profile, blocks, shared_errors
-from cablejax.measure.axis import Axis, locate, smoothed, trimmed
-from cablejax.measure.beams import BeamBias, Instrument, beam_bias, clear_of_the_rim, known_beam_bias
+from cablejax.measure.axis import Axis, locate, sampled, smoothed, trimmed
+from cablejax.measure.beams import BeamBias, Instrument, beam_bias, clear_of_the_rim, known_beam_bias, rescanned
 from cablejax.measure.bend import tightest_bend
-from cablejax.measure.budget import COVERAGE, combined, uncertainty_budget
+from cablejax.measure.budget import COVERAGE, combined, uncertainty_budget, unseen_errors
 from cablejax.measure.candidates import Find, find_cables
+from cablejax.measure.ends import extent
 from cablejax.measure.errors import MeasureError
 from cablejax.measure.fit import CableFit, fit_cable
 from cablejax.measure.freeform import free_section
@@ -34,15 +38,22 @@ from cablejax.measure.nominal import nominal_probabilities, verdict
 from cablejax.measure.planes import Plane
 from cablejax.measure.result import CableMeasurement
 from cablejax.measure.sections import Oval, Sections, arc_seen, cut, oval
+from cablejax.measure.structure import flat_faces, shared_mm
 from cablejax.measure.sweeps import at_the_edge, sweeps_of
 from cablejax.measure.walk import Walk
 from cablejax.types import PointCloud
 
 MIN_ON_CABLE = 30
-WORST_STD = 0.2  # of the diameter: beyond, there is none to report
+WORST_STD = 0.25  # of the diameter: beyond, the interval reaches from less than half of it to more than one and a half
+SHARED_ARC_DEG = 65.0  # with errors that neighbours share, an arc below tells nothing unless the scanner is known
+LEAST_OPEN = 0.02  # of the radius, that they must leave open to matter: scans without noise share micrometres
+SHARED_MOST = 0.5  # of the scatter: shared errors above are the scanner's own, and not its noise
+KNOTS = 1.0  # diameters between knots of an axis that bends
 COARSE_POINTS = 8_000  # on which the first fits are made
 PER_SECTION = 40  # points, on average, that a section must hold at least
-ROUGHEST = 0.4  # scatter over the radius, above which the points lie on no surface of that radius
+ROUGHEST = 0.33  # scatter over the radius; points that fill a cylinder evenly scatter by .35 of their mean distance
+KNOWN_STEEP = 30.0  # s^3 / R^2: what a known scanner's correction leaves open, as found on simulated scans
+ROUGHEST_SHARED = 0.1  # of the radius: neighbouring points that leave the circle together by more lie on something else
 KEEP_SIGMA = 3.5  # standard deviations from the surface within which a point counts as the cable's
 
 
@@ -87,9 +98,9 @@ def _points(cloud_or_xyz_mm: PointCloud | np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def _tube(
-    axis: Axis, radius: float, xyz: np.ndarray, planes: list[Plane], width: float
+    axis: Axis, radius: float, xyz: np.ndarray, planes: list[Plane], width: float, *, beyond: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Rows within `width` of the surface, off the planes, and no further than a radius beyond the ends; their arc length.
+    """Rows within `width` of the surface, off the planes, and no further than `beyond` past the ends; their arc length.
 
     Raises:
         MeasureError: If there are too few.
@@ -100,33 +111,92 @@ def _tube(
         rows = rows[~plane.holds(xyz[rows])]
     place = locate(axis, xyz[rows])
     distance = np.hypot(place.u, place.v)
-    inside = (place.s > -radius) & (place.s < axis.s[-1] + radius) & (np.abs(distance - radius) < width)
+    inside = (place.s > -beyond) & (place.s < axis.s[-1] + beyond) & (np.abs(distance - radius) < width)
     if inside.sum() < MIN_ON_CABLE:
         raise MeasureError(f"Too few points on the cable: {inside.sum()} where at least {MIN_ON_CABLE} are needed.")
     return rows[inside], place.s[inside]
 
 
-def _coarse(xyz: np.ndarray, way: Walk, planes: list[Plane]) -> tuple[Axis, float, float, float]:
-    """Axis, radius, reach about the surface and noise, from a few thousand of the points.
+class _Start(NamedTuple):
+    """Where the fit to all points begins: axis, radius, reach about the surface, noise, and diameters between knots."""
+
+    axis: Axis
+    radius: float
+    width: float
+    noise: float
+    knots: float
+
+
+def _coarse(xyz: np.ndarray, way: Walk, planes: list[Plane]) -> _Start:
+    """A start from a few thousand of the points, about a straight axis unless they are better explained by a bent one.
 
     Raises:
         MeasureError: If too few lie on the cable.
     """
     xyz = xyz[:: max(1, len(xyz) // COARSE_POINTS)]
     radius = way.radius_mm
+    if (line := _line(way)) is not None:
+        try:
+            straight = _cut(xyz, line, radius, planes, knots=np.inf)
+            if not _bends(xyz, straight, planes):
+                return straight
+        except MeasureError:  # there is no straight thing: it may bend
+            pass
     axis = smoothed(way.axis, knot_mm=4 * radius, step=0.2 * radius, extend_mm=2 * radius)
+    return _cut(xyz, axis, radius, planes, knots=KNOTS)
+
+
+def _line(way: Walk) -> Axis | None:
+    """The straight line along a walk, a diameter longer at either end; None where the walk leaves it by half a radius."""
+    middle = way.axis.mean(axis=0)
+    direction = np.linalg.svd(way.axis - middle, full_matrices=False)[2][0]
+    along = (way.axis - middle) @ direction
+    aside = np.linalg.norm(way.axis - middle - along[:, None] * direction, axis=1)
+    if aside.max() > 0.5 * way.radius_mm:
+        return None
+    ends = np.array([along.min() - 2 * way.radius_mm, along.max() + 2 * way.radius_mm])
+    return sampled(middle + ends[:, None] * direction, step=0.2 * way.radius_mm)
+
+
+def _bends(xyz: np.ndarray, straight: _Start, planes: list[Plane]) -> bool:
+    """Whether an axis free to bend explains the points better than the straight one, by more than its knots may by chance.
+
+    Schwarz's criterion on the sums of squares, cut off at three standard deviations; points that hang together count for
+    fewer, in the ratio of the radius's variances.
+    """
+    rows, _ = _tube(straight.axis, straight.radius, xyz, planes, straight.width, beyond=0.0)
+    line = fit_cable(xyz[rows], straight.axis, straight.radius, knot_diameters=np.inf)
+    try:
+        curve = fit_cable(xyz[rows], line.axis, line.radius_mm, knot_diameters=KNOTS)
+    except MeasureError:
+        return False
+    limit = (3 * curve.noise_mm) ** 2
+    gain = np.minimum(line.residual_mm**2, limit).sum() - np.minimum(curve.residual_mm**2, limit).sum()
+    points = len(rows) * (curve.random_mm / max(curve.clustered_mm, curve.random_mm)) ** 2
+    knots = 2 * int(curve.axis.length_mm / (2 * curve.radius_mm * KNOTS))
+    scale = np.minimum(curve.residual_mm**2, limit).mean()
+    return bool(gain / scale * points / len(rows) > knots * np.log(max(points, 3.0)))
+
+
+def _cut(xyz: np.ndarray, axis: Axis, radius: float, planes: list[Plane], *, knots: float) -> _Start:
+    """Fit and cut the tube in turn: a start that is 10 % off cuts it on one side."""
     previous, width, noise = np.empty(0, dtype=int), 0.3 * radius, 0.0
-    for _ in range(3):  # a start that is 10 % off cuts the tube on one side: cut again about the fit
-        rows, _ = _tube(axis, radius, xyz, planes, width)
+    for _ in range(3):
+        rows, _ = _tube(axis, radius, xyz, planes, width, beyond=radius)
         if np.array_equal(previous, rows):
             break
-        fit = fit_cable(xyz[rows], axis, radius)
-        used = fit.weight > 0
-        low, high = fit.place.s[used].min(), fit.place.s[used].max()
-        axis, radius, previous = trimmed(fit.axis, float(low), float(high)), fit.radius_mm, rows
+        fit = fit_cable(xyz[rows], axis, radius, knot_diameters=knots)
+        axis, radius, previous = trimmed(fit.axis, *_seen(fit)), fit.radius_mm, rows
         noise = fit.noise_mm
         width = float(np.clip(4.5 * noise, 0.3 * radius, 0.8 * radius))
-    return axis, radius, width, noise
+    return _Start(axis, radius, width, noise, knots)
+
+
+def _seen(fit: CableFit) -> tuple[float, float]:
+    """The stretch of a fit's length that shows the thing it was fitted to."""
+    used = fit.weight > 0
+    angle = np.arctan2(fit.place.v[used], fit.place.u[used])
+    return extent(fit.place.s[used], angle, radius_mm=fit.radius_mm)
 
 
 class _Fitted(NamedTuple):
@@ -136,21 +206,43 @@ class _Fitted(NamedTuple):
     rows: np.ndarray
     sweep: np.ndarray | None
     along: np.ndarray
+    knots: float
 
 
 def _fit(
     xyz: np.ndarray, station: np.ndarray | None, way: Walk, planes: list[Plane], instrument: Instrument | None
 ) -> _Fitted:
     """Fit axis and radius to the full cloud about a walk, with a shift for every sweep that is known."""
-    axis, radius, width, noise = _coarse(xyz, way, planes)
-    rows, along = _tube(axis, radius, xyz, planes, width)
+    start = _coarse(xyz, way, planes)
+    rows, along = _tube(start.axis, start.radius, xyz, planes, start.width, beyond=start.radius)
+    fit, sweep = _with_sweeps(xyz, station, rows, along, start, instrument)
+    low, high = _seen(fit)
+    inside = (fit.place.s >= low) & (fit.place.s <= high)
+    if not inside[fit.weight > 0].all():  # the coarse fit's ends are those of its few points
+        if inside.sum() < MIN_ON_CABLE:
+            raise MeasureError(f"Too few points on the cable: {inside.sum()} where at least {MIN_ON_CABLE} are needed.")
+        rows, along = rows[inside], along[inside]
+        start = start._replace(axis=trimmed(fit.axis, low, high), radius=fit.radius_mm)
+        fit, sweep = _with_sweeps(xyz, station, rows, along, start, instrument)
+    return _Fitted(fit, rows, sweep, along, start.knots)
+
+
+def _with_sweeps(
+    xyz: np.ndarray,
+    station: np.ndarray | None,
+    rows: np.ndarray,
+    along: np.ndarray,
+    start: _Start,
+    instrument: Instrument | None,
+) -> tuple[CableFit, np.ndarray | None]:
+    """The fit to some rows, and the sweep of each if the sweeps are known."""
     sweep = sweeps_of(along)
     if station is not None:
         named = np.unique(station[rows], return_inverse=True)[1].reshape(-1)
         both = named if sweep is None else named * (sweep.max() + 1) + sweep
         sweep = np.unique(both, return_inverse=True)[1].reshape(-1)
-    fit = _about(xyz[rows], axis, radius, noise, sweep, along, instrument)
-    return _Fitted(fit, rows, sweep, along)
+    fit = _about(xyz[rows], start.axis, start.radius, start.noise, sweep, along, instrument, start.knots)
+    return fit, sweep
 
 
 def _about(
@@ -161,6 +253,7 @@ def _about(
     sweep: np.ndarray | None,
     along: np.ndarray,
     instrument: Instrument | None,
+    knots: float,
 ) -> CableFit:
     """The fit about a start, with a shift for every sweep that is known and without the edges of what it saw."""
     place = locate(axis, xyz)
@@ -168,9 +261,10 @@ def _about(
     if instrument is not None:
         trust &= clear_of_the_rim(place, sweep, radius_mm=radius, instrument=instrument)
     if sweep is None or sweep.max() == 0:
-        return fit_cable(xyz, axis, radius, trust=trust)
+        return fit_cable(xyz, axis, radius, trust=trust, knot_diameters=knots)
     pieces = max(1, min(8, len(xyz) // (500 * int(sweep.max() + 1))))
-    return fit_cable(xyz, axis, radius, block=blocks(sweep, along, pieces=pieces), trust=trust)
+    block = blocks(sweep, along, pieces=pieces)
+    return fit_cable(xyz, axis, radius, block=block, trust=trust, knot_diameters=knots)
 
 
 def _beams(fitted: _Fitted, settings: MeasureSettings) -> BeamBias:
@@ -179,19 +273,41 @@ def _beams(fitted: _Fitted, settings: MeasureSettings) -> BeamBias:
     Raises:
         MeasureError: If by these numbers the scanner would not have seen the cable that was found.
     """
-    fit, sweep, instrument = fitted.fit, fitted.sweep, settings.instrument
     known = None
-    if instrument is not None:
-
-        def refit(xyz: np.ndarray, rows: np.ndarray) -> CableFit:
-            named = None if sweep is None else np.unique(sweep[rows], return_inverse=True)[1].reshape(-1)
-            return _about(xyz, fit.axis, fit.radius_mm, fit.noise_mm, named, fitted.along[rows], instrument)
-
+    if settings.instrument is not None:
         try:
-            known = known_beam_bias(fit, sweep, instrument, refit, np.random.default_rng(settings.seed))
+            rng = np.random.default_rng(settings.seed)
+            known = known_beam_bias(fitted.fit, fitted.sweep, settings.instrument, _refit(fitted, settings), rng)
         except MeasureError as error:
-            raise not_found_again(str(error)) from None
-    return beam_bias(fit, sweep) if known is None else known
+            raise not_found_again(str(error), known=True) from None
+    return beam_bias(fitted.fit, fitted.sweep) if known is None else known
+
+
+def _refit(fitted: _Fitted, settings: MeasureSettings) -> Callable[[np.ndarray, np.ndarray], CableFit]:
+    """What fits points that stand for some rows of those that were fitted, in the same way."""
+    fit, sweep = fitted.fit, fitted.sweep
+
+    def refit(xyz: np.ndarray, rows: np.ndarray) -> CableFit:
+        named = None if sweep is None else np.unique(sweep[rows], return_inverse=True)[1].reshape(-1)
+        start = (fit.axis, fit.radius_mm, fit.noise_mm)
+        return _about(xyz, *start, named, fitted.along[rows], settings.instrument, fitted.knots)
+
+    return refit
+
+
+def _higher(fitted: _Fitted, beam: BeamBias, settings: MeasureSettings) -> float:
+    """By how much the formula for the noise's effect on the diameter is wrong, where it was used.
+
+    Raises:
+        MeasureError: If with its noise put on anew the fitted cable cannot be fitted again.
+    """
+    if beam.excess is not None:
+        return KNOWN_STEEP * fitted.fit.noise_mm**3 / fitted.fit.radius_mm**2
+    rng = np.random.default_rng(settings.seed)
+    try:
+        return abs(rescanned(fitted.fit, fitted.sweep, _refit(fitted, settings), rng) - beam.bias_mm)
+    except MeasureError as error:
+        raise not_found_again(str(error), known=False) from None
 
 
 def _best(
@@ -217,9 +333,14 @@ def _best(
             continue
         sections = _sections(fitted.fit, settings)
         arc = arc_seen(fitted.fit, sections)
-        if arc >= settings.min_arc_deg:
-            return fitted, sections, arc
-        failure = failure or arc_too_small(arc, settings.min_arc_deg, find)
+        if arc < settings.min_arc_deg:
+            failure = failure or arc_too_small(arc, settings.min_arc_deg, find)
+            continue
+        faces = flat_faces(fitted.fit, arc)
+        if faces is not None:
+            failure = failure or not_round(faces, 2 * fitted.fit.radius_mm)
+            continue
+        return fitted, sections, arc
     raise failure or nothing_found(find)
 
 
@@ -336,7 +457,7 @@ def _assembled(
     settings: MeasureSettings,
 ) -> CableMeasurement:
     """The result from the fit: numbers, budget, nominal size and warnings."""
-    fit, rows, sweep, _ = fitted
+    fit, rows, sweep, *_ = fitted
     flat = too_flat(arc, fit.noise_mm, fit.radius_mm)
     if flat is not None:
         raise flat
@@ -348,8 +469,20 @@ def _assembled(
         profile = shared_errors(angle, fit.residual_mm, fit.weight, given_std_mm=settings.registration_std_mm)
     diameter = _headline(fit, shape, profile, bias)
     lines = uncertainty_budget(
-        fit, profile, bias=beam, scale_std=settings.scale_std, filter_std_mm=settings.filter_std_mm
+        fit,
+        profile,
+        bias=beam,
+        higher_mm=_higher(fitted, beam, settings),
+        scale_std=settings.scale_std,
+        filter_std_mm=settings.filter_std_mm,
     )
+    shared, open_mm = shared_mm(fit, sweep)
+    if shared > ROUGHEST_SHARED * fit.radius_mm:
+        raise not_one_surface(shared, fit.radius_mm)
+    much = shared > SHARED_MOST * fit.noise_mm and open_mm > LEAST_OPEN * fit.radius_mm
+    if arc < SHARED_ARC_DEG and much and settings.instrument is None:
+        raise arc_too_small_for_errors(arc, SHARED_ARC_DEG, shared)
+    lines.append(unseen_errors(shared, open_mm))
     std = combined(lines)
     if std > WORST_STD * diameter:
         raise unknown_diameter(diameter, std, arc)

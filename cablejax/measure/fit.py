@@ -19,6 +19,9 @@ TUKEY = 4.685  # standard deviations; 95 % efficient where the noise is Gaussian
 SECTOR_DEG = 15.0
 OUTER = 6
 PER_UNKNOWN = 3  # points for each number that is fitted
+FURTHEST = 4.0  # radii that an axis may move at once: it began within a fraction of one
+WINDS = "No cable found: a curve through what is roundest winds to and fro, and follows nothing."
+RUNAWAY = 1.5  # times as long as it began, beyond which an axis winds through its points and follows nothing
 PER_KNOT = 16  # cells in a knot: the splines change by 1e-3 of themselves within one
 
 
@@ -139,7 +142,8 @@ class _Cells(NamedTuple):
 
 
 def _cells(s: np.ndarray, axis: Axis, knot: float, block: np.ndarray | None) -> _Cells:
-    bins = np.floor((s - s.min()) / (knot / PER_KNOT)).astype(np.int64)
+    stretch = knot if np.isfinite(knot) else axis.length_mm
+    bins = np.floor((s - s.min()) / (stretch / PER_KNOT)).astype(np.int64)
     key = bins if block is None else block * (int(bins.max()) + 1) + bins
     names, row = np.unique(key, return_inverse=True)
     mean = np.bincount(row, weights=s) / np.bincount(row)
@@ -230,23 +234,31 @@ def fit_cable(
         axis: A curve within a fraction of the radius of the true one.
         radius_mm: Where to begin.
         knot_diameters: Distance between knots of the axis, in diameters. Cubic splines one diameter apart follow a bend
-            of 15 diameters to 4e-6 of the diameter.
+            of 15 diameters to 4e-6 of the diameter. Infinite for a straight axis.
         block: Number of the stretch of a station that each point belongs to `[n]`, from 0 without gaps. Each stretch gets
             a shift of its own across the cable.
         trust: Which points take part `[n]`; all if None.
 
     Raises:
         MeasureError: If there are fewer than `PER_UNKNOWN` points for each unknown, fewer keep weight than there are
-            unknowns, or the radius falls below zero.
+            unknowns, the radius falls below zero, or the axis runs away.
     """
     radius = radius_mm
     knot = knot_diameters * 2 * radius_mm
     shifts: np.ndarray | None = None
     trust = np.ones(len(xyz)) if trust is None else trust.astype(float)
-    for _ in range(OUTER):
+    longest = np.inf
+    for turn in range(OUTER):
         ends = locate(axis, xyz).s
         axis = trimmed(axis, float(ends.min()), float(ends.max()))
+        if turn == 0:
+            longest = RUNAWAY * axis.length_mm + 4 * radius_mm
+        if axis.length_mm > longest:
+            raise MeasureError(
+                "No cable found: a curve through what is roundest winds to and fro, and follows nothing."
+            )
         design = _design(xyz, axis, knot, block)
+        _check_points(design, trust)
         m, width = design.splines, _columns(design.columns)
         start = np.zeros(2 * width + 1)
         if shifts is not None:
@@ -259,6 +271,8 @@ def fit_cable(
             )
         shifts = np.stack([change[m:width], change[width + m : 2 * width]])
         bend = np.concatenate([change[:m], change[width : width + m]])
+        if np.abs(bend).max() > FURTHEST * radius_mm:
+            raise MeasureError(WINDS)
         axis = _moved(axis, _basis(axis.s, axis, knot), bend)
         if max(np.abs(bend).max(), abs(change[-1])) < 1e-5 * radius:
             break

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from cablejax.measure.fit import CableFit, tukey
 
@@ -59,10 +59,14 @@ def _angles(fit: CableFit) -> np.ndarray:
     return np.arctan2(fit.place.v, fit.place.u)
 
 
+def bins_of(angle: Float[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
+    """The bin around the circumference of angles in radians; one a hair below zero is rounded up to a whole turn."""
+    return np.floor(np.degrees(angle) % 360 / BIN_DEG).astype(int) % int(360 / BIN_DEG)
+
+
 def arc_of(angle: Float[np.ndarray, " n"], *, share: float = 0.02) -> float:
     """Degrees of circumference that hold points, in bins of `BIN_DEG` with more than a share of what the fullest eight hold."""
-    bins = np.floor(np.degrees(angle) % 360 / BIN_DEG).astype(int)
-    counts = np.bincount(bins, minlength=int(360 / BIN_DEG))
+    counts = np.bincount(bins_of(angle), minlength=int(360 / BIN_DEG))
     return float((counts > share * np.sort(counts)[-8:].mean()).sum() * BIN_DEG)
 
 
@@ -90,7 +94,7 @@ def cut(fit: CableFit, *, step_mm: float) -> Sections:
     used = weight > 0
     points = np.bincount(slab[used], minlength=count).astype(float)
     covered = np.zeros((count, int(360 / BIN_DEG)), dtype=bool)
-    covered[slab[used], np.floor(np.degrees(angle[used]) % 360 / BIN_DEG).astype(int)] = True
+    covered[slab[used], bins_of(angle[used])] = True
     arc = covered.sum(axis=1) * BIN_DEG
     circle = [np.ones_like(angle), np.cos(angle), np.sin(angle)]
     change, covariance = _slabs(fit, slab, count, np.stack(circle), weight, points >= MIN_POINTS)

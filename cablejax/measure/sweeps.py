@@ -14,6 +14,7 @@ LEAST_ROWS = 150  # in a sweep; shorter runs join the one before
 GRAZING = 0.35  # share of a sweep's densest directions below which the beam grazes: the cosine of 70 degrees
 BIN_DEG = 2.5
 LEAST_DENSE = 16.0  # points in such a bin, below which an edge cannot be seen for chance, and nothing is left out
+ONE_VIEW_DEG = 200.0  # more than this comes of several views, and is thin where views are few, not where beams graze
 MARGIN = 2.0  # standard deviations of the noise, left out at the edges of what was seen
 
 
@@ -102,9 +103,13 @@ def at_the_edge(
         noise_mm: Standard deviation of the points about the surface.
         radius_mm: Radius of the cable.
     """
-    sweep = np.zeros(len(place.s), dtype=int) if sweep is None else sweep
     width = int(360 / BIN_DEG)
     bins = (np.degrees(np.arctan2(place.v, place.u)) % 360 / BIN_DEG).astype(int)
+    if sweep is None:
+        pooled = np.bincount(np.minimum(bins, width - 1), minlength=width)
+        if BIN_DEG * (pooled > 0.1 * np.sort(pooled)[-8:].mean()).sum() > ONE_VIEW_DEG:
+            return np.zeros(len(place.s), dtype=bool)
+        sweep = np.zeros(len(place.s), dtype=int)
     key = sweep * width + np.minimum(bins, width - 1)
     density = np.bincount(key, minlength=(int(sweep.max()) + 1) * width).reshape(-1, width)
     densest = np.sort(density, axis=1)[:, -8:].mean(axis=1, keepdims=True)

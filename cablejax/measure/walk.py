@@ -95,6 +95,20 @@ def walk(surface: Surface, start: Cylinder) -> Walk | None:
     back = Cylinder(start.center, -start.direction, start.radius_mm)
     ahead, ahead_rows = _one_way(surface, tree, start, enough)
     behind, behind_rows = _one_way(surface, tree, back, enough)
-    axis = np.array([*behind[::-1], start.center, *ahead])
-    every = np.unique(np.concatenate([rows, *ahead_rows, *behind_rows]))
-    return Walk(axis, start, every)
+    centers = np.array([*behind[::-1], start.center, *ahead])
+    members = [*behind_rows[::-1], rows, *ahead_rows]
+    first = _end(surface, centers[0], centers[min(1, len(centers) - 1)], start, members[0], -1.0)
+    last = _end(surface, centers[-1], centers[max(-2, -len(centers))], start, members[-1], 1.0)
+    axis = np.array([*([] if first is None else [first]), *centers, *([] if last is None else [last])])
+    return Walk(axis, start, np.unique(np.concatenate(members)))
+
+
+def _end(
+    surface: Surface, center: np.ndarray, before: np.ndarray, start: Cylinder, rows: np.ndarray, sign: float
+) -> np.ndarray | None:
+    """How far the points of the last window reach beyond its centre; None if not by a tenth of the radius."""
+    step = center - before
+    length = np.linalg.norm(step)
+    direction = step / length if length > 0 else sign * start.direction
+    reach = float(np.quantile((surface.xyz[rows] - center) @ direction, 0.98))
+    return center + reach * direction if reach > 0.1 * start.radius_mm else None

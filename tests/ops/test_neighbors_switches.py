@@ -43,10 +43,9 @@ def test_float32_under_x64():
     assert (np.asarray(within.count) == np.asarray(radius_count(jnp.asarray(xyz), radius=0.05).count)).all()
 
 
-@pytest.mark.parametrize("dtype", [np.float64, np.int32])
-def test_coordinates_that_would_lose_digits_are_refused(dtype):
-    with jax.enable_x64(), pytest.raises(ValueError, match=f"xyz: expected float32 .*, got {np.dtype(dtype).name}"):
-        knn(jnp.asarray(cloud() * 100, dtype=dtype), k=K)
+def test_coordinates_that_would_lose_digits_are_refused():
+    with jax.enable_x64(), pytest.raises(ValueError, match="xyz: expected float32 .*, got float64"):
+        knn(jnp.asarray(cloud(), dtype=np.float64), k=K)
 
 
 @pytest.mark.parametrize("dtype", [jnp.float16, jnp.bfloat16])

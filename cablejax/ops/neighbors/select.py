@@ -121,10 +121,14 @@ def apart(function: Callable[..., Any], sure: Bool[Array, ""], *operands: Any) -
     not look into the branches of a condition, so `sure` is one that always holds but that XLA cannot know to hold.
     """
 
-    def never(*operands: Any) -> Any:
-        return jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), jax.eval_shape(function, *operands))
+    def always(*operands: Any) -> Any:
+        return varying_like(function(*operands), operands)
 
-    return lax.cond(sure, function, never, *operands)
+    def never(*operands: Any) -> Any:
+        nothing = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), jax.eval_shape(function, *operands))
+        return varying_like(nothing, operands)
+
+    return lax.cond(sure, always, never, *operands)
 
 
 def in_pieces(count: Callable[[slice], Array], size: int) -> Array:
