@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from cablejax.ops.neighbors_dense import GROUPS
+from cablejax.ops.neighbors.dense import GROUPS
 
 from cablejax.ops.feature_graph import distance_keys, feature_graph
 from tests.reference import edges as reference

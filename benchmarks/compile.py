@@ -1,0 +1,108 @@
+"""How large each public kernel is as a program, and what it costs to compile: `python -m benchmarks.compile --write`.
+
+For every kernel, in a process of its own and with no compilation cache: lines of StableHLO, compiled kernels (fusions, sorts,
+scatters and the like in the optimised module), seconds of tracing, lowering and compiling, and the process's peak memory.
+"""
+
+import argparse
+import json
+import re
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+RESULT = Path("results/benchmarks/compile.json")
+OPERATIONS = "fusion|sort|scatter|dot|reduce|gather|while|conditional|call|convolution|custom-call"
+KERNELS = (
+    "knn", "knn queries", "radius_search", "radius_count", "statistical_outliers", "radius_outliers", "median_outliers",
+    "clean order 0", "clean order 2 k 100", "adaptive_filter order 2", "feature_graph",
+)  # fmt: skip
+
+
+def program(name: str, points: int) -> tuple[Callable[..., Any], tuple[Any, ...]]:
+    """A kernel as a function of arrays alone, and the shapes of its arguments."""
+    import jax
+    import jax.numpy as jnp
+
+    from cablejax import ops
+    from cablejax.types import PointCloud
+
+    xyz = jax.ShapeDtypeStruct((points, 3), jnp.float32)
+    some = jax.ShapeDtypeStruct((points // 10, 3), jnp.float32)
+    features = jax.ShapeDtypeStruct((1024, 64), jnp.float32)
+
+    def whole(xyz: jax.Array) -> PointCloud:
+        return PointCloud(xyz, jnp.ones(xyz.shape[0], dtype=bool))
+
+    programs: dict[str, tuple[Callable[..., Any], tuple[Any, ...]]] = {
+        "knn": (lambda xyz: ops.knn(xyz, k=20), (xyz,)),
+        "knn queries": (lambda xyz, queries: ops.knn(xyz, k=20, queries=queries), (xyz, some)),
+        "radius_search": (lambda xyz: ops.radius_search(xyz, radius=1.0, capacity=20), (xyz,)),
+        "radius_count": (lambda xyz: ops.radius_count(xyz, radius=1.0), (xyz,)),
+        "statistical_outliers": (lambda xyz: ops.statistical_outliers(whole(xyz), k=20), (xyz,)),
+        "radius_outliers": (lambda xyz: ops.radius_outliers(whole(xyz), radius=1.0, min_neighbors=5), (xyz,)),
+        "median_outliers": (lambda xyz: ops.median_outliers(whole(xyz), k=20), (xyz,)),
+        "clean order 0": (lambda xyz: ops.clean(whole(xyz), removal_k=20, k=20, order=0), (xyz,)),
+        "clean order 2 k 100": (lambda xyz: ops.clean(whole(xyz), k=100, order=2), (xyz,)),
+        "adaptive_filter order 2": (lambda xyz: ops.adaptive_filter(whole(xyz), k=40, order=2), (xyz,)),
+        "feature_graph": (lambda rows: ops.knn_features(rows, k=20), (features,)),
+    }
+    return programs[name]
+
+
+def measure(name: str, points: int) -> dict[str, Any]:
+    """Trace, lower and compile one kernel in this process."""
+    import resource
+
+    import jax
+
+    function, shapes = program(name, points)
+    start = time.perf_counter()
+    traced = jax.jit(function).trace(*shapes)
+    first = time.perf_counter()
+    lowered = traced.lower()
+    second = time.perf_counter()
+    compiled = lowered.compile()
+    third = time.perf_counter()
+    return {
+        "lines": lowered.as_text().count("\n"),
+        "kernels": len(re.findall(rf"= \S+ (?:{OPERATIONS})\(", compiled.as_text() or "")),
+        "trace_s": first - start,
+        "lower_s": second - first,
+        "compile_s": third - second,
+        "peak_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+    }
+
+
+def main() -> None:
+    """Measure every kernel in a process of its own, print and write the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--points", type=int, default=53_135)
+    parser.add_argument("--only", choices=KERNELS, help="measure this one here and print it as JSON")
+    parser.add_argument("--write", action="store_true", help=f"write {RESULT}; leave it out on a busy machine")
+    options = parser.parse_args()
+    if options.only:
+        print(json.dumps(measure(options.only, options.points)))
+        return
+    rows = {}
+    print(f"{'':26s}{'lines':>8s}{'kernels':>9s}{'trace':>8s}{'lower':>8s}{'compile':>9s}{'peak':>9s}")
+    for name in KERNELS:
+        command = [sys.executable, "-m", "benchmarks.compile", "--only", name, "--points", str(options.points)]
+        out = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+        row = rows[name] = json.loads(out.splitlines()[-1])
+        seconds = "".join(f"{row[key]:{width}.1f}" for key, width in (("trace_s", 8), ("lower_s", 8), ("compile_s", 9)))
+        print(f"{name:26s}{row['lines']:8d}{row['kernels']:9d}{seconds}{row['peak_mb']:6.0f} MB", flush=True)
+    if options.write:
+        from cablejax.io.provenance import provenance, write_json
+
+        config = {"points": options.points}
+        table = {"title": "compile", "config": config, "kernels": rows}
+        write_json(RESULT, {**table, "provenance": provenance(seeds=[], config=config)})
+        print(f"written to {RESULT}")
+
+
+if __name__ == "__main__":
+    main()
