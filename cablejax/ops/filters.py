@@ -14,7 +14,7 @@ from cablejax.ops.quantile import quantile
 from cablejax.ops.sheets import own_sheet
 from cablejax.ops.slots import Neighborhoods, gather, sum_over_slots
 from cablejax.ops.surface_filter import gaussian, onto_surface, surface_width
-from cablejax.ops.surface_fit import TINY
+from cablejax.ops.surface_fit import inverse
 from cablejax.types import PointCloud, Status
 
 Number = float | Float[Array, ""]
@@ -235,4 +235,4 @@ def _mean_offset(around: Neighborhoods, edge: Array | None, width: Array) -> Flo
         return weight, weight[None] * offset
 
     total, move = sum_over_slots(around.neighbors, sums)
-    return move / jnp.maximum(total, TINY)[None]
+    return move * inverse(total)[None]

@@ -106,6 +106,9 @@ def _fit(
         return weight if edge is None else weight * edge[rows], offset
 
     frame = fit_frame(sample, around.neighbors)
+    if normal is not None:
+        # Of a second fit most weights may be nearly none, and the gradient of its normal overflows.
+        frame = lax.stop_gradient(frame)
     return fit_heights(sample, around.neighbors, frame, order=order), frame.mean
 
 
@@ -122,7 +125,7 @@ def _narrowing(noise: Float[Array, " n"], usual: Float[Array, ""]) -> Float[Arra
 def _trusted(edge: Array | None, move: Array, noise: Array) -> Array:
     """Weight of each point, less where it lies farther from its own surface than noise explains: a mixed pixel, a stray."""
     beyond = jnp.square(move).sum(axis=0) / jnp.maximum(jnp.square(BAND * noise), TINY)
-    trust = jnp.exp(-0.5 * beyond)
+    trust = lax.stop_gradient(jnp.exp(-0.5 * beyond))  # where the noise is nearly none its gradient overflows
     return trust if edge is None else edge * trust
 
 

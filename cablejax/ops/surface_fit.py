@@ -90,7 +90,7 @@ def fit_frame(sample: Sample, neighbors: Int[Array, "k m"]) -> Frame:
         return weight, weight[None] * first, weight[None] * square
 
     total, first, square = sum_over_slots(neighbors, moments)
-    share = 1.0 / jnp.maximum(total, TINY)
+    share = inverse(total)
     mean, square = first * share[None], square * share[None]
     x, y, z = mean
     covariance = square - jnp.stack([x * x, y * y, z * z, x * y, y * z, z * x])
@@ -119,7 +119,7 @@ def fit_heights(sample: Sample, neighbors: Int[Array, "k m"], frame: Frame, *, o
         return jnp.stack(matrix), jnp.stack(right), weight * height * height, weight * weight
 
     matrix, right, square, squared_weight = sum_over_slots(neighbors, moments)
-    share = 1.0 / jnp.maximum(matrix[0], TINY)
+    share = inverse(matrix[0])
     system = _Moments(list(matrix * share[None]), list(right * share[None]), square * share, squared_weight * share**2)
     lower, pivots, distinct = _cholesky(system.matrix, terms)
     flat = (jnp.minimum(pivots[1], pivots[2]) > THIN) & distinct[1] & distinct[2] & (matrix[0] > 0)
@@ -203,6 +203,12 @@ def residual(fit: SurfaceFit) -> Callable[[Float[Array, "3 m"]], tuple[Array, Ar
     return above
 
 
+def inverse(weight: Float[Array, " m"]) -> Float[Array, " m"]:
+    """One over each sum of weights, 0 where there is none; double where, as the square of 1 / TINY overflows in its gradient."""
+    there = weight > TINY**0.5
+    return jnp.where(there, 1.0 / jnp.where(there, weight, 1.0), 0.0)
+
+
 def monomials(u: Array, v: Array) -> list[Array]:
     """1, u, v, u^2, uv, v^2."""
     return [jnp.ones_like(u), u, v, u * u, u * v, v * v]
@@ -219,7 +225,8 @@ def least_axis(covariance: Float[Array, "6 m"]) -> tuple[Float[Array, "3 m"], Fl
     The adjugate has the same eigenvectors with the products of the other two eigenvalues: squaring it again and again
     leaves the projector onto the wanted one. Where the two smallest agree to a percent, any mixture of them comes out.
     """
-    trace = jnp.maximum(covariance[:3].sum(axis=0), TINY)
+    trace = covariance[:3].sum(axis=0)
+    trace = jnp.where(trace > TINY**0.5, trace, 1.0)
     xx, yy, zz, xy, yz, zx = (
         covariance / trace[None] + jnp.asarray([RIDGE] * 3 + [0.0] * 3, dtype=covariance.dtype)[:, None]
     )

@@ -46,7 +46,7 @@ def test_running_statistics_move():
     [
         {},
         {"ema_decay": 0.9, "keep_best": True, "schedule": "cosine"},
-        {"optimizer": "schedule_free", "warmup_epochs": 1, "clip_norm": 1.0},
+        {"optimizer": "schedule_free", "warmup_epochs": 1.0, "clip_norm": 1.0},
         {"optimizer": "muon"},
     ],
 )
