@@ -75,7 +75,8 @@ def adaptive_filter(
         form: "linear" is eq. (5), "exponential" is beta * exp(alpha * sigma_i / beta). Static.
         iterations: How often the filter is applied, each time to the last result. Static.
         refinements: With orders 1 and 2, how often the measured points are fitted again with weights from the surface just
-            found: by distance between points on it, and between their normals. Nothing is smoothed twice. Static.
+            found: by distance between points on it, and between their normals. Nothing is smoothed twice. To gradients what
+            they add is a constant. Static.
         crowding: With order 2, how much of the pull of noise along the normal is put back: such points crowd inside a
             curved surface, and their mean lies noise^2 times the sum of the curvatures too deep. 1 if noise is along the
             normal alone, 1/2 for equal noise in all directions, none (None or 0) for noise along a scanner's beams.

@@ -58,7 +58,10 @@ def onto_surface(
         jnp.where(fit.degree[None] > 0, fit.height[None] * fit.normal, mean),
     )
     for _ in range(refinements):
-        again, _ = _fit(around, around.xyz + move, fit.normal, _trusted(edge, move, fit.noise), width, order)
+        # A constant to gradients: of a second fit most weights may be nearly none, and the gradient of its normal overflows.
+        again, _ = lax.stop_gradient(
+            _fit(around, around.xyz + move, fit.normal, _trusted(edge, move, fit.noise), width, order)
+        )
         further = move + again.height[None] * again.normal
         # What the second fit does not determine stays with the first; a mean of means would creep along its line.
         better = (again.degree >= jnp.maximum(fit.degree, 1)) & (fit.degree > 0) & (_length(further) <= reach)
@@ -106,9 +109,6 @@ def _fit(
         return weight if edge is None else weight * edge[rows], offset
 
     frame = fit_frame(sample, around.neighbors)
-    if normal is not None:
-        # Of a second fit most weights may be nearly none, and the gradient of its normal overflows.
-        frame = lax.stop_gradient(frame)
     return fit_heights(sample, around.neighbors, frame, order=order), frame.mean
 
 
@@ -125,7 +125,7 @@ def _narrowing(noise: Float[Array, " n"], usual: Float[Array, ""]) -> Float[Arra
 def _trusted(edge: Array | None, move: Array, noise: Array) -> Array:
     """Weight of each point, less where it lies farther from its own surface than noise explains: a mixed pixel, a stray."""
     beyond = jnp.square(move).sum(axis=0) / jnp.maximum(jnp.square(BAND * noise), TINY)
-    trust = lax.stop_gradient(jnp.exp(-0.5 * beyond))  # where the noise is nearly none its gradient overflows
+    trust = jnp.exp(-0.5 * beyond)
     return trust if edge is None else edge * trust
 
 
