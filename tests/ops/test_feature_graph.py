@@ -4,9 +4,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from cablejax.ops.neighbors.dense import GROUPS
 
 from cablejax.ops.feature_graph import distance_keys, feature_graph
+from cablejax.ops.neighbors.dense import GROUPS
 from tests.reference import edges as reference
 
 N, K, C = 24, 5, 4
