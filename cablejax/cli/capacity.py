@@ -7,20 +7,18 @@ if TYPE_CHECKING:
     from cablejax.types import PointCloud
 
 LEAST = 2048
-PER_OCTAVE = 8  # at most an eighth of the rows is padding, a sixteenth on average
 
 
 def capacity(points: int) -> int:
-    """The least of the capacities that holds so many points: 2,048 and eight equal steps to each doubling.
+    """The least of the capacities that holds so many points: 2,048, then those of `capacity_for`.
 
     Example:
         >>> [capacity(n) for n in (1, 2048, 2049, 51_000, 53_135)]
         [2048, 2048, 2304, 53248, 53248]
     """
-    if points <= LEAST:
-        return LEAST
-    step = (1 << (points - 1).bit_length() - 1) // PER_OCTAVE
-    return -(-points // step) * step
+    from cablejax.types import capacity_for
+
+    return max(LEAST, capacity_for(points))
 
 
 def padded(scan: "PointFile") -> "PointCloud":

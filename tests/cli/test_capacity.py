@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 from cablejax.cli import main
-from cablejax.cli.capacity import LEAST, PER_OCTAVE, capacity
+from cablejax.cli.capacity import LEAST, capacity
 from cablejax.io import read_points, write_points
 from cablejax.ops import clean
 from tests.reference.circles import bent_cable
+
+PER_OCTAVE = 8
 
 COMPILED: collections.Counter[str] = collections.Counter()
 
