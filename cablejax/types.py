@@ -3,7 +3,7 @@
 import enum
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -47,14 +47,16 @@ class PointCloud(NamedTuple):
     mask: Bool[Array, " n"]
 
     @classmethod
-    def from_xyz(cls, xyz: ArrayLike, *, capacity: int | Literal["auto"] | None = None) -> "PointCloud":
+    def from_xyz(cls, xyz: ArrayLike, *, capacity: int | None = None) -> "PointCloud":
         """Wrap coordinates `[n, 3]`, padded with invalid rows up to `capacity`.
+
+        Unless told otherwise the cloud takes one of a few capacities, so that clouds of many sizes share the programs that
+        jax compiles for each shape: a loop over a thousand scans of different sizes compiles some thirty, not a thousand.
 
         Args:
             xyz: Coordinates, rounded to float32. What float32 would spoil, such as map coordinates in metres, is
                 refused; coordinates that are float32 already, or traced by jax, are taken as they are.
-            capacity: Rows of the cloud: n if None; "auto" for `capacity_for(n)`, so that clouds of many sizes share few
-                compiled programs.
+            capacity: Rows of the cloud; `capacity_for(n)` if None, and `capacity=n` for no padding.
 
         Raises:
             ValueError: If `xyz` is not `[n, 3]`, does not fit into `capacity`, or lies so far from the origin that float32
@@ -73,7 +75,7 @@ class PointCloud(NamedTuple):
         if points.ndim != 2 or points.shape[1] != 3:
             raise ValueError(f"xyz: expected shape [n, 3], got {list(points.shape)}")
         n = points.shape[0]
-        rows = n if capacity is None else capacity_for(n) if capacity == "auto" else capacity
+        rows = capacity_for(n) if capacity is None else capacity
         if rows < n:
             raise ValueError(f"capacity: expected at least the number of points, {n}, got {capacity}")
         padded = (jnp if on_device else np).pad(points, ((0, rows - n), (0, 0)))

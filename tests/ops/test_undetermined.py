@@ -115,7 +115,7 @@ def test_a_thin_wall_keeps_its_thickness():
     n, thickness, noise = 1500, 0.06, 0.005
     side = np.where(rng.random(n) < 0.5, 0.5, -0.5) * thickness
     xyz = np.column_stack([rng.uniform(-0.39, 0.39, (n, 2)), side]) + noise * rng.normal(size=(n, 3))
-    result = np.asarray(adaptive_filter(PointCloud.from_xyz(xyz), order=2).xyz)
+    result = np.asarray(adaptive_filter(PointCloud.from_xyz(xyz), order=2).xyz)[:n]
     inside = np.abs(xyz[:, :2]).max(axis=1) < 0.3
     before, after = (np.abs(p[:, 2] - side)[inside] for p in (xyz, result))
     assert np.sqrt(np.mean(after**2)) < 0.8 * np.sqrt(np.mean(before**2))
