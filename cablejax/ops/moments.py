@@ -83,7 +83,7 @@ def masked_mean(values: Float[Array, "*b n c"], mask: Bool[Array, "..."]) -> Flo
     """
     if values.shape[:-1] != mask.shape:
         raise ValueError(f"mask: expected shape {list(values.shape[:-1])}, got {list(mask.shape)}")
-    count = jnp.maximum(mask.sum(axis=-1, keepdims=True), 1)
+    count = jnp.maximum(mask.sum(axis=-1, keepdims=True, dtype=values.dtype), 1)
     first = jnp.take_along_axis(values, jnp.argmax(mask, axis=-1)[..., None, None], axis=-2)
     # Relative to one of the points: a sum of coordinates far from the origin loses the digits that matter.
     offsets = jnp.where(mask[..., None], values - first, 0.0)
@@ -99,13 +99,13 @@ def masked_variance(values: Float[Array, "*b n c"], mask: Bool[Array, "..."]) ->
         1.0
     """
     centred = jnp.where(mask[..., None], values - masked_mean(values, mask)[..., None, :], 0.0)
-    return jnp.square(centred).sum(axis=(-2, -1)) / jnp.maximum(mask.sum(axis=-1), 1)
+    return jnp.square(centred).sum(axis=(-2, -1)) / jnp.maximum(mask.sum(axis=-1, dtype=values.dtype), 1)
 
 
 def masked_covariance(values: Float[Array, "*b n c"], mask: Bool[Array, "..."]) -> Float[Array, "*b c c"]:
     """Covariance `[..., c, c]` of the valid rows, divided by their number; its trace is `masked_variance`."""
     centred = jnp.where(mask[..., None], values - masked_mean(values, mask)[..., None, :], 0.0)
-    count = jnp.maximum(mask.sum(axis=-1), 1)
+    count = jnp.maximum(mask.sum(axis=-1, dtype=values.dtype), 1)
     return jnp.einsum("...ni,...nj->...ij", centred, centred) / count[..., None, None]
 
 
