@@ -12,11 +12,14 @@ from jaxtyping import Array, Bool, Float
 from numpy.typing import ArrayLike
 
 from cablejax.jax_sums import warn_where_wrong
+from cablejax.programs import make_room
 
 warn_where_wrong()  # every part imports this module before it computes
 
 # float32 may move a point by so much of the cloud's width: a cable 400 mm long by 4 um.
 LARGEST_ROUNDING = 1e-5
+
+_MET: set[int] = set()  # capacities whose programs have found room
 
 
 def capacity_for(n: int) -> int:
@@ -78,8 +81,18 @@ class PointCloud(NamedTuple):
         rows = capacity_for(n) if capacity is None else capacity
         if rows < n:
             raise ValueError(f"capacity: expected at least the number of points, {n}, got {capacity}")
+        if not isinstance(xyz, jax.core.Tracer):
+            _room_for(rows)
         padded = (jnp if on_device else np).pad(points, ((0, rows - n), (0, 0)))
         return cls(jnp.asarray(padded), jnp.asarray(np.arange(rows) < n))
+
+
+def _room_for(rows: int) -> None:
+    """See to it, once for each capacity, that its programs find room beside those of others."""
+    if rows not in _MET:
+        if make_room():
+            _MET.clear()
+        _MET.add(rows)
 
 
 def _check_rounding(xyz: np.ndarray) -> None:

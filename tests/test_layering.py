@@ -11,12 +11,13 @@ PACKAGE = Path(__file__).resolve().parents[1] / "cablejax"
 
 ALLOWED = {
     "__main__": {"cli"},
-    "__init__": {"types", "jax_sums"},
+    "__init__": {"types", "jax_sums", "programs"},
     "jax_sums": set(),
     "compiled": set(),
     "optional": set(),
     "runtime": {"jax_sums", "compiled"},
-    "types": {"jax_sums"},
+    "types": {"jax_sums", "programs"},
+    "programs": set(),
     "ops": {"types"},
     "registration": {"types", "ops"},
     "measure": {"types", "ops"},
