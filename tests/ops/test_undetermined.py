@@ -129,7 +129,7 @@ def test_the_gradient_of_the_normal_is_that_of_differences():
         matrix = np.einsum("kmi,kmj->ijm", spread, spread) / 30
         packed = jnp.asarray([matrix[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (2, 0))])
         change = jnp.asarray(rng.normal(size=packed.shape))
-        (normal, least), (turn, growth) = jax.jvp(least_axis, (packed,), (change,))
+        (normal, _least), (turn, growth) = jax.jvp(least_axis, (packed,), (change,))
         step = 1e-5
         ahead, behind = least_axis(packed + step * change), least_axis(packed - step * change)
         np.testing.assert_allclose(turn, (ahead[0] - behind[0]) / (2 * step), atol=1e-3)
