@@ -4,15 +4,16 @@
 on the host in float64 NumPy and SciPy.
 """
 
-from cablejax.measure.beams import Instrument
-from cablejax.measure.cable import MeasureSettings, measure_cable
+from cablejax.measure.cable import measure_cable
 from cablejax.measure.conformity import bend_conformity, conformity
 from cablejax.measure.errors import MeasureError
-from cablejax.measure.freeform import FreeSection
-from cablejax.measure.irregular import Irregularity, irregularities
+from cablejax.measure.fit.beams import Instrument
 from cablejax.measure.nominal import nominal_probabilities, verdict
 from cablejax.measure.result import BudgetLine, CableMeasurement
-from cablejax.measure.sections import Sections
+from cablejax.measure.settings import MeasureSettings
+from cablejax.measure.shape.free_section import FreeSection
+from cablejax.measure.shape.irregularities import Irregularity, irregularities
+from cablejax.measure.shape.sections import Sections
 
 __all__ = [
     "BudgetLine",

@@ -7,9 +7,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from cablejax.measure.conformity import bend_conformity
-from cablejax.measure.freeform import FreeSection
-from cablejax.measure.irregular import Irregularity, irregularities
-from cablejax.measure.sections import Sections
+from cablejax.measure.shape.free_section import FreeSection
+from cablejax.measure.shape.irregularities import Irregularity, irregularities
+from cablejax.measure.shape.sections import Sections
 
 
 @dataclass(frozen=True)
@@ -73,11 +73,11 @@ class CableMeasurement:
     deviation_mm: Float[np.ndarray, " n"]
     along_mm: Float[np.ndarray, " n"]
     angle_deg: Float[np.ndarray, " n"]
-    budget: list[BudgetLine]
+    budget: tuple[BudgetLine, ...]
     nominal: dict[str, float] = field(default_factory=dict)
     verdict: str | None = None
     free_section: FreeSection | None = None
-    warnings: list[str] = field(default_factory=list)
+    warnings: tuple[str, ...] = ()
 
     @property
     def bend_verdicts(self) -> dict[str, str]:

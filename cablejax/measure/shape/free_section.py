@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from cablejax.measure.fit import CableFit, tukey
-from cablejax.measure.sections import arc_of
+from cablejax.measure.fit.least_squares import CableFit, tukey
+from cablejax.measure.shape.sections import arc_of
 
 WAVES = 12  # highest harmonic of the radius over the angle: features of 30 degrees and wider
 WHOLE_DEG = 345.0  # circumference that must be seen: the curve has no place to guess

@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Int
 from scipy.spatial import KDTree
 
-from cablejax.measure.cylinder import Cylinder, fit_cylinder, radial
-from cablejax.measure.thinning import Surface
+from cablejax.measure.find.cylinder import Cylinder, fit_cylinder, radial
+from cablejax.measure.find.surface import Surface
 
 NORMAL_COS = np.cos(np.radians(30))
 TOLERANCE, ROUGHNESSES = (

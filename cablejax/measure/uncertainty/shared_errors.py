@@ -1,20 +1,18 @@
-"""What the residuals of a fit say about the surface: errors that neighbours share, and faces that are flat.
+"""Errors that neighbouring points share, from the residuals of a fit.
 
 Noise differs from point to point. What neighbouring points have in common is the scanner's own error on that surface, a
 filter's, or the thing's own shape; it does not average out, and a part of it always looks like another radius.
 """
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Int
 from scipy.spatial import KDTree
 
-from cablejax.measure.fit import CableFit
-from cablejax.measure.sections import BIN_DEG, bins_of
+from cablejax.measure.fit.least_squares import CableFit
 
 NEIGHBORS = 4
 UNSEEN = 0.4  # of the shared errors: what of them looks like another radius
 SURE = 2.0  # standard deviations of a correlation made by chance, which are no structure
-CLEAR = 3.5  # standard deviations from the surface, within which points take part
 
 
 def shared_mm(fit: CableFit, sweep: Int[np.ndarray, " n"] | None) -> tuple[float, float]:
@@ -47,45 +45,3 @@ def shared_mm(fit: CableFit, sweep: Int[np.ndarray, " n"] | None) -> tuple[float
     columns = np.stack([np.ones_like(angle), np.cos(angle), np.sin(angle)])
     gain = float(np.sqrt(np.linalg.pinv(columns @ columns.T / len(angle))[0, 0]))
     return shared, UNSEEN * shared * gain
-
-
-def flat_faces(fit: CableFit, arc_deg: float) -> int | None:
-    """How many flat faces explain the section better than a circle does; None where the circle is better.
-
-    As many faces as there are quarters of a circle in the arc, two at least: the edge of a box, a bar, a ridge. They are
-    found by dynamic programming over the directions, each face the line of least squares through its points.
-
-    Args:
-        fit: The fit of axis and radius.
-        arc_deg: Circumference seen.
-    """
-    near = np.abs(fit.residual_mm) < CLEAR * fit.noise_mm
-    u, v = fit.place.u[near], fit.place.v[near]
-    bins = bins_of(np.arctan2(v, u))
-    width = int(360 / BIN_DEG)
-    seen = np.bincount(bins, minlength=width) > 0
-    moments = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v])
-    sums = np.stack([np.bincount(bins, weights=one, minlength=width) for one in moments])
-    first = _after_the_widest_gap(seen)
-    sums = np.concatenate([np.zeros((6, 1)), np.cumsum(np.roll(sums, -first, axis=1), axis=1)], axis=1)
-    faces = max(2, round(arc_deg / 90))
-    least = _line_sums(sums)[0]
-    for _ in range(faces - 1):
-        least = np.min(least[:, None] + _line_sums(sums), axis=0)
-    return faces if least[-1] < float(np.sum(fit.residual_mm[near] ** 2)) else None
-
-
-def _after_the_widest_gap(seen: Bool[np.ndarray, " bins"]) -> int:
-    """The first bin after the longest run of empty ones around the circle."""
-    rows = np.flatnonzero(seen)
-    gaps = np.diff(np.append(rows, rows[0] + len(seen)))
-    return int(rows[(int(np.argmax(gaps)) + 1) % len(rows)])
-
-
-def _line_sums(sums: Float[np.ndarray, "6 b"]) -> Float[np.ndarray, "b b"]:
-    """Sum of squared distances from the best line of the points between any two bins `[from, to]`; infinite backwards."""
-    n, u, v, uu, uv, vv = sums[:, None, :] - sums[:, :, None]
-    safe = np.maximum(n, 1.0)
-    a, b, c = uu - u * u / safe, uv - u * v / safe, vv - v * v / safe
-    least = np.maximum(0.5 * (a + c) - np.hypot(0.5 * (a - c), b), 0.0)
-    return np.where(np.tri(len(n), dtype=bool).T, least, np.inf)

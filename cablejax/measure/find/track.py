@@ -6,9 +6,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import KDTree
 
-from cablejax.measure.cylinder import Cylinder, fit_cylinder, radial
-from cablejax.measure.search import facing, tolerance_of
-from cablejax.measure.thinning import Surface
+from cablejax.measure.find.cylinder import Cylinder, fit_cylinder, radial
+from cablejax.measure.find.hypotheses import facing, tolerance_of
+from cablejax.measure.find.surface import Surface
 
 STEP = 1.0  # radii
 WINDOW = 1.5  # radii to either side

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial import ConvexHull
 
-from cablejax.measure.thinning import Surface
+from cablejax.measure.find.surface import Surface
 
 MAX_PLANES = 8
 MIN_SHARE = 0.04  # of the points, for a plane to be worth taking out

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from cablejax.measure.fit import CableFit, tukey
+from cablejax.measure.fit.least_squares import CableFit, tukey
 
 BIN_DEG = 5.0
 OVAL_DEG = 175.0

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cablejax.measure.axis import Axis
+from cablejax.measure.fit.axis import Axis
 
 ALIKE = 2.0  # standard deviations below the largest curvature, within which those beside it count as the same bend
 SHAPE = (

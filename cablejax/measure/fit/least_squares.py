@@ -12,8 +12,8 @@ from jaxtyping import Bool, Float, Int
 from scipy.interpolate import BSpline
 from scipy.sparse import csr_array, hstack
 
-from cablejax.measure.axis import Axis, Place, locate, sampled, trimmed
 from cablejax.measure.errors import MeasureError
+from cablejax.measure.fit.axis import Axis, Place, locate, sampled, trimmed
 
 TUKEY = 4.685  # standard deviations; 95 % efficient where the noise is Gaussian
 SECTOR_DEG = 15.0

@@ -5,11 +5,11 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from cablejax.measure.cylinder import radial
-from cablejax.measure.planes import Plane, find_planes
-from cablejax.measure.search import ROUGHNESSES, TOLERANCE, find_candidates, score, tolerance_of
-from cablejax.measure.thinning import Surface, surface
-from cablejax.measure.walk import Walk, walk
+from cablejax.measure.find.cylinder import radial
+from cablejax.measure.find.hypotheses import ROUGHNESSES, TOLERANCE, find_candidates, score, tolerance_of
+from cablejax.measure.find.planes import Plane, find_planes
+from cablejax.measure.find.surface import Surface, surface
+from cablejax.measure.find.track import Walk, walk
 
 MOST_WALKS = 16
 ROUNDS = 3  # of taking out planes and thinning what is left less

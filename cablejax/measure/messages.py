@@ -1,11 +1,10 @@
 """What is said to the person with the scanner: why there is no result, and what to know before using one."""
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
-from cablejax.measure.candidates import Find, share
 from cablejax.measure.errors import MeasureError
-from cablejax.measure.result import CableMeasurement
+from cablejax.measure.find.cables import Find, share
 
 MIN_POINTS = 50
 SMALLEST_MM, LARGEST_MM = 1.0, 250.0  # no power cable is thinner or thicker, sheath included
@@ -166,35 +165,42 @@ def too_flat(arc_deg: float, noise_mm: float, radius_mm: float) -> MeasureError 
     )
 
 
-def _about_unit(result: CableMeasurement) -> list[str]:
-    size = f"The diameter comes out at {result.diameter_mm:.4g} mm"
-    if result.diameter_mm < SMALLEST_MM:
+def about_shifts(sweep: Int[np.ndarray, " n"] | None, *, oval_known: bool) -> list[str]:
+    """A sentence where shifts of sweeps were fitted that an oval section passes for."""
+    return [SHIFTED] if oval_known and sweep is not None and sweep.max() > 0 else []
+
+
+def _about_unit(diameter_mm: float, length_mm: float) -> list[str]:
+    size = f"The diameter comes out at {diameter_mm:.4g} mm"
+    if diameter_mm < SMALLEST_MM:
         return [f"{size}, thinner than any power cable: is the file in metres rather than millimetres?"]
-    if result.diameter_mm > 1000 * SMALLEST_MM and result.length_mm > 1e4:
+    if diameter_mm > 1000 * SMALLEST_MM and length_mm > 1e4:
         return [f"{size}, thicker than any cable: was a file in millimetres read as metres?"]
-    if result.diameter_mm > LARGEST_MM:
+    if diameter_mm > LARGEST_MM:
         return [f"{size}, thicker than any power cable: this is a pole, a pipe or a stem, or the unit is wrong."]
-    if result.length_mm > LONGEST_MM:
-        return [f"The length comes out at {result.length_mm / 1000:.4g} m: is the unit of the file right?"]
+    if length_mm > LONGEST_MM:
+        return [f"The length comes out at {length_mm / 1000:.4g} m: is the unit of the file right?"]
     return []
 
 
-def warnings_about(result: CableMeasurement, find: Find, *, oval_arc_deg: float) -> list[str]:
+def warnings_about(
+    diameter_mm: float, length_mm: float, arc_deg: float, find: Find, *, oval_arc_deg: float
+) -> list[str]:
     """Sentences that belong beside a result."""
-    out = _about_unit(result)
-    if result.arc_deg < oval_arc_deg:
+    out = _about_unit(diameter_mm, length_mm)
+    if arc_deg < oval_arc_deg:
         out.append(
-            f"Only {result.arc_deg:.0f} degrees of the circumference were seen: the section is taken to be round, "
+            f"Only {arc_deg:.0f} degrees of the circumference were seen: the section is taken to be round, "
             "and an oval one would not show."
         )
     for number, second in enumerate(find.walks[1:], 1):
         first, *between = find.walks[:number]
-        alike = 0.5 < 2 * second.radius_mm / result.diameter_mm < 2 and second.length_mm > 0.3 * first.length_mm
+        alike = 0.5 < 2 * second.radius_mm / diameter_mm < 2 and second.length_mm > 0.3 * first.length_mm
         if alike and share(second, first) < 0.1 and all(share(second, better) < 0.3 for better in between):
             out.append(
                 f"A second cable was found, of about {2 * second.radius_mm:.3g} mm over {second.length_mm:.0f} mm: the "
-                "longer and better one was measured. Cut the scan to measure the other."
+                "longer and better one was measured; `measure_cables` and `cablejax measure --all` measure every one."
             )
-    if result.length_mm < 2 * result.diameter_mm:
+    if length_mm < 2 * diameter_mm:
         out.append("The piece is shorter than two diameters: a short round thing may be no cable at all.")
     return out

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cablejax.measure.sections import Sections
+from cablejax.measure.shape.sections import Sections
 
 NEIGHBORS = 8  # sections to either side that make the local mean
 SIGMA = 5.0
