@@ -7,7 +7,7 @@ from cablejax.measure.find.cables import Find
 from cablejax.measure.find.track import Walk
 from cablejax.measure.fit.full import Fitted, fit_track
 from cablejax.measure.fit.least_squares import CableFit
-from cablejax.measure.messages import arc_too_small, not_round, nothing_found, strayed, too_rough
+from cablejax.measure.messages import arc_too_small, not_round, not_sought, nothing_found, strayed, too_rough
 from cablejax.measure.scan import Scan
 from cablejax.measure.settings import MeasureSettings
 from cablejax.measure.shape.faces import flat_faces
@@ -54,6 +54,9 @@ def accepted(scan: Scan, way: Walk, find: Find, settings: MeasureSettings) -> tu
     fit = fitted.fit
     if (error := strayed(way.radius_mm, fit.radius_mm)) is not None:
         raise Strayed(str(error))
+    limits = settings.limits.diameter_mm
+    if limits is not None and not limits[0] <= 2 * fit.radius_mm <= limits[1]:
+        raise not_sought(2 * fit.radius_mm, limits)
     if fit.noise_mm > ROUGHEST * fit.radius_mm:
         raise too_rough(fit.noise_mm, fit.radius_mm)
     sections = sections_of(fit, settings)

@@ -22,13 +22,14 @@ from cablejax.measure.messages import (
 )
 from cablejax.measure.nominal import nominal_probabilities, verdict
 from cablejax.measure.result import BudgetLine, CableMeasurement
+from cablejax.measure.robust import COVERAGE
 from cablejax.measure.scan import Scan
 from cablejax.measure.settings import MeasureSettings
 from cablejax.measure.shape.bend import Bend, tightest_bend
 from cablejax.measure.shape.free_section import free_section
 from cablejax.measure.shape.sections import Oval, Sections, oval
 from cablejax.measure.uncertainty.alignment import Profile, shared_errors
-from cablejax.measure.uncertainty.budget import COVERAGE, combined, uncertainty_budget
+from cablejax.measure.uncertainty.budget import combined, uncertainty_budget
 from cablejax.measure.uncertainty.shared_errors import shared_mm
 
 WORST_STD = 0.25  # of the diameter: beyond, the interval reaches from less than half of it to more than one and a half

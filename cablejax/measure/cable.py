@@ -55,9 +55,9 @@ def measure_cable(
     """
     settings = settings if settings is not None else MeasureSettings()
     # 1. The points that are looked at, near the origin in float64.
-    scan = scan_of(cloud_or_xyz_mm, station=station, on_cable=on_cable)
+    scan = scan_of(cloud_or_xyz_mm, station=station, on_cable=on_cable, limits=settings.limits)
     # 2. Flat regions out, cylinders sought, the best ones followed along their bends.
-    find = find_cables(scan.xyz, rng=np.random.default_rng(settings.seed))
+    find = find_cables(scan.xyz, rng=np.random.default_rng(settings.seed), limits=scan.moved(settings.limits))
     # 3. One radius and a smooth axis fitted to all points about the best track that turns out to be round.
     fitted, sections, arc = first_that_fits(scan, find, settings)
     # 4. The numbers, each with what is known about it.

@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from cablejax.measure.errors import MeasureError
+from cablejax.measure.errors import MeasureError, NoCableError
 from cablejax.measure.find.cables import Find, share
 
 MIN_POINTS = 50
@@ -43,8 +43,20 @@ def check_labels(valid: Bool[np.ndarray, " n"], on_cable: Bool[np.ndarray, " n"]
     """
     left, points = int((valid & on_cable).sum()), int(valid.sum())
     if left < MIN_POINTS <= points:
-        raise MeasureError(
+        raise NoCableError(
             f"No cable found: of {points:,} points {left} are labelled as the cable's, where at least {MIN_POINTS} are needed."
+        )
+
+
+def check_box(valid: Bool[np.ndarray, " n"], within: Bool[np.ndarray, " n"]) -> None:
+    """Refuse a box that holds too few points.
+
+    Raises:
+        MeasureError: With their number.
+    """
+    if within.sum() < MIN_POINTS <= valid.sum():
+        raise NoCableError(
+            f"No cable found: of {valid.sum():,} points {within.sum()} lie in the box, where at least {MIN_POINTS} are needed."
         )
 
 
@@ -81,14 +93,16 @@ def about_instrument(excess: float | None, *, given: bool) -> list[str]:
 
 
 def nothing_found(find: Find) -> MeasureError:
-    """The error for a scan without a cable: a plane instead, or nothing round."""
+    """The error for a scan without a cable: a plane instead, or nothing round, or nothing within the limits."""
+    if (limits := find.limits.in_words()) and not find.walks:
+        return NoCableError(f"No cable found with {limits}: widen the limits, or cut the scan closer to the cable.")
     if find.planes and find.flat_share > 0.5:
-        return MeasureError(
+        return NoCableError(
             f"No cable found: {100 * find.flat_share:.0f} % of the points lie on "
             f"{'a plane' if len(find.planes) == 1 else f'{len(find.planes)} planes'}, and the rest is not round. "
             "Scan the cable itself, or cut the scan closer to it."
         )
-    return MeasureError(
+    return NoCableError(
         "No cable found: nothing in the scan is round and at least as long as its own radius. "
         "Cut the scan closer to the cable, or scan it with more points."
     )
@@ -114,7 +128,7 @@ def arc_too_small_for_errors(arc_deg: float, least_deg: float, shared_mm: float)
 
 def too_rough(noise_mm: float, radius_mm: float) -> MeasureError:
     """The error for points that lie about a fit rather than on it."""
-    return MeasureError(
+    return NoCableError(
         f"No cable found: what is roundest has a radius of {radius_mm:.3g} mm, and the points scatter by {noise_mm:.3g} mm "
         "about it. Cut the scan closer to the cable, or scan it with less noise."
     )
@@ -122,15 +136,23 @@ def too_rough(noise_mm: float, radius_mm: float) -> MeasureError:
 
 def not_round(faces: int, diameter_mm: float) -> MeasureError:
     """The error for a section of flat faces: a box, its edge, a bar."""
-    return MeasureError(
+    return NoCableError(
         f"No cable found: what is roundest, some {diameter_mm:.3g} mm across, is better explained by {faces} flat faces than "
         "by a circle. Cut the scan closer to the cable."
     )
 
 
+def not_sought(diameter_mm: float, limits_mm: tuple[float, float]) -> MeasureError:
+    """The error for a thing that is thinner or thicker than what is sought."""
+    return NoCableError(
+        "No cable found with diameters of {:g} to {:g} mm: ".format(*limits_mm)
+        + f"what is roundest has {diameter_mm:.4g} mm."
+    )
+
+
 def not_one_surface(shared_mm: float, radius_mm: float) -> MeasureError:
     """The error for points that leave the circle together: a thing of another shape, or several."""
-    return MeasureError(
+    return NoCableError(
         f"No cable found: what is roundest has a radius of {radius_mm:.3g} mm, and neighbouring points leave it together by "
         f"{shared_mm:.3g} mm: it is of another shape, or several things. Cut the scan closer to the cable."
     )
@@ -163,6 +185,14 @@ def too_flat(arc_deg: float, noise_mm: float, radius_mm: float) -> MeasureError 
         f"The diameter cannot be told: over the {arc_deg:.0f} degrees that were seen the surface curves by {height:.3g} mm, "
         f"and the points scatter by {noise_mm:.3g} mm. Scan the cable with less noise or from more sides."
     )
+
+
+def about_number(found: int, missed: int, expected: int | None) -> tuple[str, ...]:
+    """A sentence where another number of cables was found than there should be."""
+    if expected is None or expected == found:
+        return ()
+    seen = f", and {missed} round things that could not be measured" if missed else ""
+    return (f"{found} {'cable was' if found == 1 else 'cables were'} measured where {expected} were expected{seen}.",)
 
 
 def about_shifts(sweep: Int[np.ndarray, " n"] | None, *, oval_known: bool) -> list[str]:

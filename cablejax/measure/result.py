@@ -4,7 +4,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from cablejax.measure.conformity import bend_conformity
 from cablejax.measure.shape.free_section import FreeSection
@@ -139,3 +139,50 @@ def _plain(section: FreeSection) -> dict[str, Any]:
 
 def _listed(array: np.ndarray) -> list[float | None]:
     return [float(value) if np.isfinite(value) else None for value in array]
+
+
+@dataclass(frozen=True)
+class NotMeasured:
+    """Something round that was found and could not be measured.
+
+    Attributes:
+        diameter_mm: About how wide it is.
+        length_mm: How far it could be followed.
+        axis_mm: Points along it `[m, 3]`, in the coordinates of the scan.
+        reason: Why there is no diameter, in words.
+    """
+
+    diameter_mm: float
+    length_mm: float
+    axis_mm: Float[np.ndarray, "m 3"]
+    reason: str
+
+
+@dataclass(frozen=True)
+class CableScene:
+    """Every cable of a scan.
+
+    Attributes:
+        cables: The measurements; a cable's number is its place among them, from 1.
+        label: The number of the cable that each point of the scan belongs to `[n]`, 0 for none.
+        not_measured: What looked like a cable and gave no diameter.
+        warnings: Sentences about the scene; those about a cable are in its measurement.
+    """
+
+    cables: tuple[CableMeasurement, ...]
+    label: Int[np.ndarray, " n"]
+    not_measured: tuple[NotMeasured, ...]
+    warnings: tuple[str, ...]
+
+    def to_dict(self, *, arrays: bool = False) -> dict[str, Any]:
+        """Plain numbers, strings and lists; the label of every point with `arrays`."""
+        cables = [{"number": number, **one.to_dict(arrays=arrays)} for number, one in enumerate(self.cables, 1)]
+        missed = [
+            {
+                **{name: getattr(one, name) for name in ("diameter_mm", "length_mm", "reason")},
+                "axis_mm": one.axis_mm.tolist(),
+            }
+            for one in self.not_measured
+        ]
+        out = {"cables": cables, "not_measured": missed, "warnings": list(self.warnings)}
+        return out | ({"label": self.label.tolist()} if arrays else {})

@@ -1,11 +1,12 @@
 """The points of a scan that are looked at, near the origin in float64, and the rows they come from."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from cablejax.measure.messages import check_cloud, check_labels
+from cablejax.measure.messages import check_box, check_cloud, check_labels
+from cablejax.measure.settings import SearchLimits
 from cablejax.types import PointCloud
 
 
@@ -32,11 +33,22 @@ class Scan:
         station = None if self.station is None else self.station[keep]
         return Scan(self.xyz[keep], self.rows[keep], station, self.origin, self.count)
 
+    def moved(self, limits: SearchLimits) -> SearchLimits:
+        """The limits with their point in the coordinates of `xyz`."""
+        if limits.near_mm is None:
+            return limits
+        x, y, z = np.array(limits.near_mm) - self.origin
+        return replace(limits, near_mm=(float(x), float(y), float(z)))
+
 
 def scan_of(
-    cloud_or_xyz_mm: PointCloud | np.ndarray, *, station: np.ndarray | None, on_cable: np.ndarray | None
+    cloud_or_xyz_mm: PointCloud | np.ndarray,
+    *,
+    station: np.ndarray | None,
+    on_cable: np.ndarray | None,
+    limits: SearchLimits,
 ) -> Scan:
-    """The valid points of a scan: padding, NaN and what is labelled as something else are left out.
+    """The valid points of a scan: padding, NaN, what is labelled as something else and what lies outside the box are left out.
 
     Raises:
         MeasureError: If they are too few, all equal, or all on one line.
@@ -53,6 +65,11 @@ def scan_of(
         valid = valid & on_cable
     if station is not None and np.shape(station) != valid.shape:
         raise ValueError(f"station: expected shape [{len(valid)}], got {list(np.shape(station))}")
+    if limits.box_mm is not None:
+        low, high = np.sort(np.array(limits.box_mm, dtype=float), axis=0)
+        within = valid & (every >= low).all(axis=1) & (every <= high).all(axis=1)
+        check_box(valid, within)
+        valid = within
     check_cloud(every[valid], len(every))
     origin = np.median(every[valid], axis=0)
     return Scan(

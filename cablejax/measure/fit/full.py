@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cablejax.measure.errors import MeasureError
+from cablejax.measure.errors import MeasureError, NoCableError
 from cablejax.measure.find.planes import Plane
 from cablejax.measure.find.track import Walk
 from cablejax.measure.fit.axis import Axis, locate, trimmed
@@ -40,7 +40,7 @@ def fit_track(
     inside = (fit.place.s >= low) & (fit.place.s <= high)
     if not inside[fit.weight > 0].all():  # the coarse fit's ends are those of its few points
         if inside.sum() < MIN_ON_CABLE:
-            raise MeasureError(f"Too few points on the cable: {inside.sum()} where at least {MIN_ON_CABLE} are needed.")
+            raise NoCableError(f"Too few points on the cable: {inside.sum()} where at least {MIN_ON_CABLE} are needed.")
         rows, along = rows[inside], along[inside]
         start = start._replace(axis=trimmed(fit.axis, low, high), radius=fit.radius_mm)
         fit, sweep = _with_sweeps(xyz, station, rows, along, start, settings)

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cablejax.measure.errors import MeasureError
+from cablejax.measure.errors import MeasureError, NoCableError
 from cablejax.measure.find.planes import Plane
 from cablejax.measure.find.track import Walk
 from cablejax.measure.fit.axis import Axis, locate, sampled, smoothed, trimmed
@@ -114,5 +114,5 @@ def tube(
     distance = np.hypot(place.u, place.v)
     inside = (place.s > -beyond) & (place.s < axis.s[-1] + beyond) & (np.abs(distance - radius) < width)
     if inside.sum() < MIN_ON_CABLE:
-        raise MeasureError(f"Too few points on the cable: {inside.sum()} where at least {MIN_ON_CABLE} are needed.")
+        raise NoCableError(f"Too few points on the cable: {inside.sum()} where at least {MIN_ON_CABLE} are needed.")
     return rows[inside], place.s[inside]

@@ -9,7 +9,6 @@ from cablejax.measure.fit.least_squares import CableFit
 from cablejax.measure.result import BudgetLine
 from cablejax.measure.uncertainty.alignment import Profile
 
-COVERAGE = 1.96
 ROUNDING = 1e-5
 
 
