@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cablejax.measure.accept import PER_SECTION
 from cablejax.measure.errors import MeasureError
 from cablejax.measure.find.cables import Find
 from cablejax.measure.fit.axis import Axis, trimmed
@@ -12,6 +13,7 @@ from cablejax.measure.fit.beams import BeamBias
 from cablejax.measure.fit.full import Fitted, beams, higher_order
 from cablejax.measure.fit.least_squares import CableFit
 from cablejax.measure.messages import (
+    about_form,
     about_instrument,
     about_shifts,
     arc_too_small_for_errors,
@@ -22,12 +24,14 @@ from cablejax.measure.messages import (
 )
 from cablejax.measure.nominal import nominal_probabilities, verdict
 from cablejax.measure.result import BudgetLine, CableMeasurement
-from cablejax.measure.robust import COVERAGE
+from cablejax.measure.robust import COVERAGE, robust_std
 from cablejax.measure.scan import Scan
 from cablejax.measure.settings import MeasureSettings
 from cablejax.measure.shape.bend import Bend, tightest_bend
 from cablejax.measure.shape.free_section import free_section
+from cablejax.measure.shape.profile import profile_along
 from cablejax.measure.shape.sections import Oval, Sections, oval
+from cablejax.measure.shape.stretches import ONE, Stretch, diameter_at, form_of, mean_of, stretches_of
 from cablejax.measure.uncertainty.alignment import Profile, shared_errors
 from cablejax.measure.uncertainty.budget import combined, uncertainty_budget
 from cablejax.measure.uncertainty.shared_errors import shared_mm
@@ -37,7 +41,25 @@ SHARED_ARC_DEG = 65.0  # with errors that neighbours share, an arc below tells n
 LEAST_OPEN = 0.02  # of the radius, that they must leave open to matter: scans without noise share micrometres
 SHARED_MOST = 0.5  # of the scatter: shared errors above are the scanner's own, and not its noise
 ROUGHEST_SHARED = 0.1  # of the radius: neighbouring points that leave the circle together by more lie on something else
+SECTION = 0.25  # radii between the circles that tell the form
+BETTER = 0.8  # of the scatter about one diameter: several must leave less, or their circles are made of noise
 KEEP_SIGMA = 3.5  # standard deviations from the surface within which a point counts as the cable's
+
+
+class _Form(NamedTuple):
+    """The thing along its length.
+
+    Attributes:
+        stretches: Of constant or tapering diameter.
+        residual_mm: The points' distances from a surface of these diameters `[n]`.
+        spread_mm: Standard deviation of the diameter along the length, 0 where it is one.
+        against_mm: Excess of the sections' mean diameter over the fitted one.
+    """
+
+    stretches: tuple[Stretch, ...]
+    residual_mm: np.ndarray
+    spread_mm: float
+    against_mm: float
 
 
 class _Diameter(NamedTuple):
@@ -65,7 +87,8 @@ def assembled(
         MeasureError: If the diameter cannot be told.
     """
     fit = fitted.fit
-    diameter = _diameter(fitted, arc, settings)
+    form = _form(scan, fitted, find)
+    diameter = _diameter(fitted, form, arc, settings)
     value, std, shape, bias = diameter.value_mm, diameter.std_mm, diameter.shape, diameter.beam.bias_mm
     used = fit.weight > 0
     low, high = float(fit.place.s[used].min()), float(fit.place.s[used].max())
@@ -90,6 +113,7 @@ def assembled(
         points=int(used.sum()),
         axis_mm=axis.xyz + scan.origin,
         sections=sections._replace(s_mm=sections.s_mm - low),
+        stretches=_with_common(form.stretches, diameter, low),
         keep=painted.keep,
         deviation_mm=painted.deviation_mm,
         along_mm=painted.along_mm,
@@ -101,12 +125,56 @@ def assembled(
         warnings=(
             *warnings_about(value, axis.length_mm, arc, find, oval_arc_deg=settings.oval_arc_deg),
             *about_instrument(diameter.beam.excess, given=settings.instrument is not None),
+            *about_form(form_of(form.stretches)),
             *about_shifts(fitted.sweep, oval_known=shape is not None),
         ),
     )
 
 
-def _diameter(fitted: Fitted, arc: float, settings: MeasureSettings) -> _Diameter:
+def _form(scan: Scan, fitted: Fitted, find: Find) -> _Form:
+    """What circles of any size along the axis say about the thing's form."""
+    fit = fitted.fit
+    off_planes = ~np.any(
+        [np.zeros(len(scan.xyz), dtype=bool), *(plane.holds(scan.xyz) for plane in find.planes)], axis=0
+    )
+    length = fit.axis.length_mm
+    step = max(SECTION * fit.radius_mm, length / 200, length * PER_SECTION / max(int((fit.weight > 0).sum()), 1))
+    profile = profile_along(
+        scan.xyz[off_planes], fit.axis, radius_mm=fit.radius_mm, noise_mm=fit.noise_mm, step_mm=step
+    )
+    correlation = max(fit.clustered_mm / max(fit.random_mm, 1e-12), 1.0)
+    stretches = stretches_of(profile, common_std_mm=0.0, correlation=correlation)
+    if not stretches:
+        return _Form((), fit.residual_mm, 0.0, 0.0)
+    used = fit.weight > 0
+    residual = profile.distance(fit.place) - 0.5 * diameter_at(stretches, fit.place.s)
+    if form_of(stretches) != ONE and robust_std(residual[used]) > BETTER * robust_std(fit.residual_mm[used]):
+        stretches = stretches_of(profile, common_std_mm=0.0, correlation=correlation, most=1)
+    mean, spread = mean_of(stretches)
+    own = max(one.std_mm for one in stretches)
+    apart = (mean - 2 * fit.radius_mm) ** 2 - own**2 - (2 * fit.clustered_mm) ** 2
+    against = float(np.sqrt(max(apart, 0.0)))
+    return _Form(stretches, fit.residual_mm if form_of(stretches) == ONE else residual, spread, against)
+
+
+def _with_common(stretches: tuple[Stretch, ...], diameter: _Diameter, low: float) -> tuple[Stretch, ...]:
+    """Stretches with the uncertainty that all diameters of the scan share, in proportion to them, counted from the thing's
+    beginning; what the beams have added is taken off."""
+    own = ("noise, arc and number of points", "correlated residuals", "change along the length")
+    common = combined([line for line in diameter.budget if line.source not in own])
+    return tuple(
+        one._replace(
+            from_mm=one.from_mm - low,
+            to_mm=one.to_mm - low,
+            first_mm=one.first_mm - diameter.beam.bias_mm,
+            last_mm=one.last_mm - diameter.beam.bias_mm,
+            std_mm=float(np.hypot(one.std_mm, common * 0.5 * (one.first_mm + one.last_mm) / diameter.value_mm)),
+        )
+        for one in stretches
+    )
+
+
+def _diameter(fitted: Fitted, form: _Form, arc: float, settings: MeasureSettings) -> _Diameter:
     """Diameter and uncertainty.
 
     Raises:
@@ -121,7 +189,7 @@ def _diameter(fitted: Fitted, arc: float, settings: MeasureSettings) -> _Diamete
         angle = np.arctan2(fit.place.v, fit.place.u)
         profile = shared_errors(angle, fit.residual_mm, fit.weight, given_std_mm=settings.registration_std_mm)
     value = _headline(fit, shape, profile, beam.bias_mm)
-    shared, open_mm = shared_mm(fit, sweep)
+    shared, open_mm = shared_mm(fit, sweep, residual_mm=form.residual_mm)
     if (error := _not_told(fit, arc, shared, open_mm, settings)) is not None:
         raise error
     budget = uncertainty_budget(
@@ -131,12 +199,16 @@ def _diameter(fitted: Fitted, arc: float, settings: MeasureSettings) -> _Diamete
         higher_mm=higher_order(fitted, beam, settings),
         shared_mm=shared,
         unseen_mm=open_mm,
+        form=form_of(form.stretches),
+        form_mm=form.spread_mm,
+        against_mm=form.against_mm,
         scale_std=settings.scale_std,
         filter_std_mm=settings.filter_std_mm,
         one_view=settings.stations == 1,
     )
     std = combined(budget)
-    if std > WORST_STD * value:
+    # A thing of several diameters has no narrow interval for one, and is known all the same.
+    if np.sqrt(std**2 - form.spread_mm**2) > WORST_STD * value:
         raise unknown_diameter(value, std, arc)
     return _Diameter(value, beam, budget, std, shape)
 

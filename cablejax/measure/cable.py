@@ -6,12 +6,15 @@ import numpy as np
 from jaxtyping import Bool, Int, Num
 
 from cablejax.measure.accept import first_that_fits
+from cablejax.measure.agree import confirmed
 from cablejax.measure.assemble import assembled
 from cablejax.measure.find.cables import find_cables
 from cablejax.measure.result import CableMeasurement
-from cablejax.measure.scan import scan_of
+from cablejax.measure.scan import Scan, scan_of
 from cablejax.measure.settings import MeasureSettings
 from cablejax.types import PointCloud
+
+CLEAR = 0.5  # of the scan's points: a cable that holds more of them is not found by chance
 
 
 def measure_cable(
@@ -56,9 +59,24 @@ def measure_cable(
     settings = settings if settings is not None else MeasureSettings()
     # 1. The points that are looked at, near the origin in float64.
     scan = scan_of(cloud_or_xyz_mm, station=station, on_cable=on_cable, limits=settings.limits)
-    # 2. Flat regions out, cylinders sought, the best ones followed along their bends.
-    find = find_cables(scan.xyz, rng=np.random.default_rng(settings.seed), limits=scan.moved(settings.limits))
-    # 3. One radius and a smooth axis fitted to all points about the best track that turns out to be round.
+    # 2. Search, fit and judge; in clutter again with other random samples, since one search may be misled.
+    first = _searched(scan, catalogue, settings, settings.seed)
+    if first.keep.sum() > CLEAR * len(scan.xyz):
+        return first
+    return confirmed(first, lambda seed: _searched(scan, catalogue, settings, seed), settings.seed)
+
+
+def _searched(
+    scan: Scan, catalogue: Mapping[str, float] | None, settings: MeasureSettings, seed: int
+) -> CableMeasurement:
+    """One search and what it finds.
+
+    Raises:
+        MeasureError: If that is no cable, or none that can be measured.
+    """
+    # 1. Flat regions out, cylinders sought, the best ones followed along their bends.
+    find = find_cables(scan.xyz, rng=np.random.default_rng(seed), limits=scan.moved(settings.limits))
+    # 2. One radius and a smooth axis fitted to all points about the best track that turns out to be round.
     fitted, sections, arc = first_that_fits(scan, find, settings)
-    # 4. The numbers, each with what is known about it.
+    # 3. The numbers, each with what is known about it.
     return assembled(scan, fitted, sections, arc, find, catalogue, settings)

@@ -5,6 +5,7 @@ from jaxtyping import Bool, Float, Int
 
 from cablejax.measure.errors import MeasureError, NoCableError
 from cablejax.measure.find.cables import Find, share
+from cablejax.measure.shape.stretches import ONE
 
 MIN_POINTS = 50
 SMALLEST_MM, LARGEST_MM = 1.0, 250.0  # no power cable is thinner or thicker, sheath included
@@ -15,6 +16,7 @@ SHIFTED = (
 )
 STRAYED = 4.0  # times the radius that the search found: a wall fits a short noisy arc as well
 UNLIKE = 2.0  # ratio of the scatter found to the one that a known scanner leaves
+FLAT_ARC_DEG = 120.0  # of circumference, from which the noise put on anew tells better what it does
 LEAST_HEIGHT = 2.5  # standard deviations of the noise that an arc must stand out; below, fits end on anything
 
 
@@ -178,6 +180,8 @@ def unknown_diameter(diameter_mm: float, std_mm: float, arc_deg: float) -> Measu
 
 def too_flat(arc_deg: float, noise_mm: float, radius_mm: float) -> MeasureError | None:
     """The error for an arc that stands out of its own noise too little to have a radius; None if it does not."""
+    if arc_deg >= FLAT_ARC_DEG:
+        return None
     height = radius_mm * (1 - np.cos(np.radians(min(arc_deg, 180.0) / 2)))
     if height >= LEAST_HEIGHT * noise_mm:
         return None
@@ -193,6 +197,38 @@ def about_number(found: int, missed: int, expected: int | None) -> tuple[str, ..
         return ()
     seen = f", and {missed} round things that could not be measured" if missed else ""
     return (f"{found} {'cable was' if found == 1 else 'cables were'} measured where {expected} were expected{seen}.",)
+
+
+def found_once(diameter_mm: float) -> MeasureError:
+    """The error for a thing in clutter that one search of three found."""
+    return NoCableError(
+        f"No cable found for certain: one search saw something of {diameter_mm:.3g} mm, and two with other random samples did "
+        "not. Cut the scan closer to the cable, or say where it is or how thick."
+    )
+
+
+def about_one_find(diameter_mm: float) -> str:
+    """A sentence where the other searches found things that could not be measured."""
+    return (
+        f"One search of three measured this, {diameter_mm:.4g} mm; the others found round things that they could not measure: "
+        "cut the scan closer to the cable."
+    )
+
+
+def about_other_find(diameter_mm: float, other_mm: float) -> str:
+    """A sentence where two searches found different things."""
+    return (
+        f"Two searches with different random samples found different things, of {diameter_mm:.4g} and {other_mm:.4g} mm: cut "
+        "the scan closer to the cable, say where it is or how thick, or measure every one."
+    )
+
+
+def about_form(form: str) -> list[str]:
+    """A sentence where the thing has no one diameter along its length."""
+    if form == ONE:
+        return []
+    subject = "Along its length it is" if form.startswith("not") else "It"
+    return [f"{subject} {form}: the diameter is a mean over the length, and its interval holds what varies."]
 
 
 def about_shifts(sweep: Int[np.ndarray, " n"] | None, *, oval_known: bool) -> list[str]:

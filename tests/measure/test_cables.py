@@ -122,9 +122,9 @@ def test_a_row_of_crests_is_no_plane_and_a_rough_floor_is_one():
     rng = np.random.default_rng(3)
     row = np.concatenate([cylinder(10.0, (20.0 * i, 0.0), arc_deg=150.0, seed=i) for i in range(6)])
     plane = Plane(row.mean(axis=0), np.array([0.0, 0.0, 1.0]), 40.0, 70.0, 6.0)
-    assert corrugated(plane, row, rng)
+    assert corrugated(plane, row)
     floor = rng.uniform([-100, -100, 0], [100, 100, 0], (6000, 3)) + [0.0, 0.0, 1.0] * rng.normal(size=(6000, 1))
-    assert not corrugated(Plane(np.zeros(3), np.array([0.0, 0.0, 1.0]), 40.0, 70.0, 3.0), floor, rng)
+    assert not corrugated(Plane(np.zeros(3), np.array([0.0, 0.0, 1.0]), 40.0, 70.0, 3.0), floor)
 
 
 def test_the_command_numbers_them_in_every_output(shelf, tmp_path, capsys):

@@ -57,7 +57,7 @@ def _without_planes(xyz: np.ndarray, effort: _Effort, rng: np.random.Generator) 
     for _ in range(ROUNDS):
         thinned = surface(kept, target=effort.target, k=effort.neighbors)
         found, flat = find_planes(thinned, rng=rng)
-        found = [plane for plane in found if not corrugated(plane, kept, rng)]
+        found = [plane for plane in found if not corrugated(plane, kept)]
         if not found:
             break
         planes += found

@@ -121,7 +121,7 @@ def find_planes(surface: Surface, *, rng: np.random.Generator) -> tuple[list[Pla
     return planes, ~free
 
 
-def corrugated(plane: Plane, xyz: Float[np.ndarray, "n 3"], rng: np.random.Generator) -> bool:
+def corrugated(plane: Plane, xyz: Float[np.ndarray, "n 3"]) -> bool:
     """Whether a region that is flat in the thinned scan is a row of cables in the whole one.
 
     Thinned so far that a neighbourhood is as wide as a cable, the crests of a full tray make a plane. In the scan itself
@@ -130,14 +130,13 @@ def corrugated(plane: Plane, xyz: Float[np.ndarray, "n 3"], rng: np.random.Gener
     Args:
         plane: The region.
         xyz: The scan's own points `[n, 3]`.
-        rng: Source of the sample that is looked at.
     """
     on = xyz[plane.holds(xyz)]
     if len(on) < 2 * LOCAL:
         return False
     height = (on - plane.center) @ plane.normal
     spread = robust_std(height - np.median(height))
-    sample = on[rng.choice(len(on), size=min(300, len(on)), replace=False)]
+    sample = on[np.random.default_rng(0).choice(len(on), size=min(300, len(on)), replace=False)]
     near = on[np.asarray(KDTree(on).query(sample, k=LOCAL, workers=-1)[1])]
     offset = near - near.mean(axis=1, keepdims=True)
     values, vectors = np.linalg.eigh(np.einsum("mki,mkj->mij", offset, offset) / LOCAL)

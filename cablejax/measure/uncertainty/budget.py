@@ -20,6 +20,9 @@ def uncertainty_budget(
     higher_mm: float,
     shared_mm: float,
     unseen_mm: float,
+    form: str,
+    form_mm: float,
+    against_mm: float,
     scale_std: float,
     filter_std_mm: float,
     one_view: bool,
@@ -34,6 +37,9 @@ def uncertainty_budget(
         higher_mm: What the noise does to the diameter beyond that.
         shared_mm: Standard deviation of the errors that neighbouring points share.
         unseen_mm: What these may hold of another radius.
+        form: The stretches along the length in words.
+        form_mm: Standard deviation of the diameter along the length.
+        against_mm: By how much the sections' own diameters differ from the common one, beyond what both are known to.
         scale_std: Relative standard deviation of the scanner's scale.
         filter_std_mm: Standard deviation of the diameter that a filter applied before has left.
         one_view: Whether the scan is known to be a single view.
@@ -61,11 +67,20 @@ def uncertainty_budget(
         ),
         BudgetLine("shared errors that look like another radius", 2 * unseen_mm, "B", common),
     )
+    found = (
+        BudgetLine("change along the length", form_mm, "A", form),
+        BudgetLine(
+            "sections against the common fit",
+            against_mm,
+            "A",
+            "excess of the difference between the sections' mean diameter and the fitted one over its standard deviation",
+        ),
+    )
     given = (
         BudgetLine("scale", scale_std * 2 * fit.radius_mm, "B", "scale of the scanner as given"),
         BudgetLine("filter", filter_std_mm, "B", "left by the filter as given"),
     )
-    return lines + tuple(line for line in given if line.std_mm > 0)
+    return lines + tuple(line for line in (*found, *given) if line.std_mm > 0)
 
 
 def combined(lines: Iterable[BudgetLine]) -> float:

@@ -5,17 +5,21 @@ filter's, or the thing's own shape; it does not average out, and a part of it al
 """
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
 from cablejax.measure.fit.least_squares import CableFit
+from cablejax.measure.shape.sections import BIN_DEG, bins_of
 
 NEIGHBORS = 4
 UNSEEN = 0.4  # of the shared errors: what of them looks like another radius
+FEW = 0.1  # of the fullest directions' points, below which a direction was not seen
 SURE = 2.0  # standard deviations of a correlation made by chance, which are no structure
 
 
-def shared_mm(fit: CableFit, sweep: Int[np.ndarray, " n"] | None) -> tuple[float, float]:
+def shared_mm(
+    fit: CableFit, sweep: Int[np.ndarray, " n"] | None, *, residual_mm: Float[np.ndarray, " n"] | None = None
+) -> tuple[float, float]:
     """Standard deviation of the errors that neighbours share, and what they leave open in the radius.
 
     The mean product of neighbours' residuals is the variance of what they share (a variogram's sill less its nugget). Where
@@ -27,9 +31,11 @@ def shared_mm(fit: CableFit, sweep: Int[np.ndarray, " n"] | None) -> tuple[float
     Args:
         fit: The fit of axis and radius.
         sweep: The sweep of each point, None if unknown.
+        residual_mm: Distances from the surface `[n]`, where another one than the fit's radius is known; its own if None.
     """
+    residual_mm = fit.residual_mm if residual_mm is None else residual_mm
     used = np.flatnonzero(fit.weight > 0)
-    residual, angle = fit.residual_mm[used], np.arctan2(fit.place.v[used], fit.place.u[used])
+    residual, angle = residual_mm[used], np.arctan2(fit.place.v[used], fit.place.u[used])
     residual = residual - residual.mean()
     count = min((NEIGHBORS if sweep is None else 3 * NEIGHBORS) + 1, len(residual))
     # Neighbours on the surface: points that are near in space are alike in their distance from it, noise or not.
@@ -42,6 +48,16 @@ def shared_mm(fit: CableFit, sweep: Int[np.ndarray, " n"] | None) -> tuple[float
     chance = SURE * variance / np.sqrt(len(residual))
     together = float(product[other].mean()) - chance if other.any() else 0.0
     shared = float(np.sqrt(max(together, 0.0)))
-    columns = np.stack([np.ones_like(angle), np.cos(angle), np.sin(angle)])
-    gain = float(np.sqrt(np.linalg.pinv(columns @ columns.T / len(angle))[0, 0]))
-    return shared, UNSEEN * shared * gain
+    return shared, UNSEEN * shared * _gain(angle)
+
+
+def _gain(angle: Float[np.ndarray, " n"]) -> float:
+    """How much of a pattern on the surface that looks like another radius stays open when the centre is free.
+
+    Stray points beyond the arc that is seen would make it look well known: directions with few points do not count.
+    """
+    bins = bins_of(angle)
+    counts = np.bincount(bins, minlength=int(360 / BIN_DEG))
+    seen = angle[(counts > FEW * np.sort(counts)[-8:].mean())[bins]]
+    columns = np.stack([np.ones_like(seen), np.cos(seen), np.sin(seen)])
+    return float(np.sqrt(np.linalg.pinv(columns @ columns.T / len(seen))[0, 0]))
