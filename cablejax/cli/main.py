@@ -65,7 +65,13 @@ def _measure(sub: argparse._SubParsersAction) -> None:
     parser.add_argument(
         "--report", metavar="FILE.html", help="write a self-contained report; a folder for a folder of scans"
     )
-    parser.add_argument("--csv", metavar="FILE.csv", help="for a folder of scans: one row a scan")
+    parser.add_argument(
+        "--csv", metavar="FILE.csv", help="for a folder of scans: one row a scan; with --all: a row a cable"
+    )
+    scene = parser.add_argument_group("scenes of several cables")
+    scene.add_argument("--all", action="store_true", help="measure every cable of the scan, each with a number")
+    scene.add_argument("--expect", type=int, metavar="N", help="with --all: say so where another number is found")
+    scene.add_argument("--picture", metavar="FILE.png", help="with --all: draw the scan with the cables' numbers")
     _measure_options(parser)
 
 
@@ -73,7 +79,7 @@ def _report(sub: argparse._SubParsersAction) -> None:
     parser = sub.add_parser("report", help="measure a scan and write its self-contained HTML report")
     _scan_arguments(parser)
     parser.add_argument("report", metavar="report.html", help="file to write")
-    parser.set_defaults(csv=None)
+    parser.set_defaults(csv=None, all=False, expect=None, picture=None)
     _measure_options(parser)
 
 
@@ -108,6 +114,27 @@ def _measure_options(parser: argparse.ArgumentParser) -> None:
         metavar="NAME|NUMBERS",
         help="a preset of the simulator (line-laser), or what is known at the cable's distance: "
         "range_std_mm=1.2,footprint_mm=1 (optional: incidence_power, lateral_std_mm)",
+    )
+    parser.add_argument(
+        "--stations",
+        type=int,
+        metavar="N",
+        help="scanner positions, if known: 1 for a single view, which needs no alignment",
+    )
+    limits = parser.add_argument_group("what is known of the cable, in mm and in the scan's coordinates")
+    limits.add_argument(
+        "--diameter", type=float, nargs=2, metavar=("LOW", "HIGH"), help="its diameter is between these"
+    )
+    limits.add_argument("--near", type=float, nargs=3, metavar=("X", "Y", "Z"), help="the cable nearest to this point")
+    limits.add_argument(
+        "--axis", type=float, nargs=3, metavar=("X", "Y", "Z"), help="it runs along this, within 20 degrees"
+    )
+    limits.add_argument(
+        "--box",
+        type=float,
+        nargs=6,
+        metavar=("X0", "Y0", "Z0", "X1", "Y1", "Z1"),
+        help="look at no point outside this box",
     )
     parser.add_argument("--section", type=float, metavar="MM", help="distance between sections (default: D/4)")
     parser.add_argument("--registration-std", type=float, default=0.0, metavar="MM", help="of the stations' alignment")

@@ -5,7 +5,7 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-from cablejax.cli import batch, known
+from cablejax.cli import batch, known, scene
 from cablejax.cli.checkpoint import parts_of
 from cablejax.cli.main import NoResultError
 from cablejax.cli.scans import check_output, load, make_folder, rows, save_bytes, say
@@ -14,6 +14,11 @@ from cablejax.optional import require
 
 def run(options: argparse.Namespace) -> dict[str, Any]:
     """Measure a scan, or every scan of a folder."""
+    if options.all:
+        return scene.run(options)
+    for name in ("expect", "picture"):
+        if getattr(options, name) is not None:
+            raise NoResultError(f"--{name}: is for --all")
     if Path(options.scan).is_dir() and options.command == "measure":
         return batch.run_folder(options, _one)
     if options.csv is not None:
@@ -81,6 +86,8 @@ def table(result: dict[str, Any]) -> str:
     """The result for reading: numbers, budget, nominal sizes, warnings."""
     if "scans" in result:
         return batch.table(result)
+    if "cables" in result:
+        return scene.table(result)
     r = result
     bend = "straight within its uncertainty"
     if r["bend_radius_mm"] is not None:

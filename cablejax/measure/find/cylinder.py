@@ -5,6 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from cablejax.measure.robust import robust_std
+
 
 class Cylinder(NamedTuple):
     """A point of the axis `[3]`, its unit direction `[3]`, and the radius in mm."""
@@ -71,7 +73,7 @@ def fit_cylinder(
         state = np.array([0.0, 0.0, 0.0, 0.0, radius])
         for _ in range(2):
             residual = np.hypot(local[:, 0] - state[0], local[:, 1] - state[1]) - state[4]
-            scale = 1.4826 * float(np.median(np.abs(residual))) + 1e-9 * radius
+            scale = robust_std(residual) + 1e-9 * radius
             state = _step(local, state, scale, prior, weight)
         center = center + state[0] * base[0] + state[1] * base[1]
         direction = direction + state[2] * base[0] + state[3] * base[1]
@@ -79,4 +81,4 @@ def fit_cylinder(
         radius = abs(float(state[4]))
     fitted = Cylinder(center, direction, radius)
     residual = radial(fitted, xyz)[0] - radius
-    return fitted, 1.4826 * float(np.median(np.abs(residual)))
+    return fitted, robust_std(residual)

@@ -7,7 +7,7 @@ arc: single sections there hold a part of what the thing itself shows.
 import numpy as np
 from jaxtyping import Bool, Float
 
-from cablejax.measure.sections import BIN_DEG, bins_of
+from cablejax.measure.shape.sections import BIN_DEG, bins_of
 
 LEAST_ARC = 0.7  # of the usual arc, which half of the points lie in slabs of
 PER_SLAB = 60  # points, on average, that a slab must hold for its arc to be counted

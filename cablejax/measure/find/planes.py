@@ -4,14 +4,22 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.spatial import ConvexHull
+from scipy.spatial import ConvexHull, KDTree
 
-from cablejax.measure.thinning import Surface
+from cablejax.measure.find.surface import Surface
+from cablejax.measure.robust import robust_std
 
 MAX_PLANES = 8
 MIN_SHARE = 0.04  # of the points, for a plane to be worth taking out
 NORMAL_COS = np.cos(np.radians(20))
 FLAT_TILT = 0.08  # rad at the rim: a wider turn of the surface is a curved one
+LOCAL = 24  # points of a small neighbourhood
+ROUGHER = (
+    6.0  # times the scatter of small neighbourhoods: floors and boxes under depth cameras reach 4.3, a full tray 12
+)
+TURNED_COS = float(
+    np.cos(np.radians(15))
+)  # half of their normals turned by more: floors reach 12 degrees, a full tray 24
 MIN_FILL = 0.4  # of the outline: the crest of a bent cable fills little of its own
 MIN_WIDTH = 8.0  # least standard deviation across, in tolerances: a strip of a cable is narrower
 
@@ -81,7 +89,7 @@ def _describe(surface: Surface, members: np.ndarray, tolerance: float) -> tuple[
 def _fill(surface: Surface, members: np.ndarray, plane: Plane, axes: np.ndarray) -> float:
     """Which share of its convex outline a plane's points cover."""
     place = (surface.xyz[members] - plane.center) @ axes.T
-    cell = 3 * surface.spacing_mm
+    cell = 3 * max(surface.spacing_mm, surface.reach_mm / len(surface.xyz))  # repeated points are no distance apart
     covered = len(np.unique(np.floor(place / cell).astype(int), axis=0)) * cell**2
     return covered / max(ConvexHull(place).volume, 1e-12)  # "volume" of a flat hull is its area
 
@@ -111,3 +119,27 @@ def find_planes(surface: Surface, *, rng: np.random.Generator) -> tuple[list[Pla
         planes.append(plane)
         free[rows[members]] = False
     return planes, ~free
+
+
+def corrugated(plane: Plane, xyz: Float[np.ndarray, "n 3"]) -> bool:
+    """Whether a region that is flat in the thinned scan is a row of cables in the whole one.
+
+    Thinned so far that a neighbourhood is as wide as a cable, the crests of a full tray make a plane. In the scan itself
+    the normals turn, and the heights vary by far more than small neighbourhoods scatter about their own planes.
+
+    Args:
+        plane: The region.
+        xyz: The scan's own points `[n, 3]`.
+    """
+    on = xyz[plane.holds(xyz)]
+    if len(on) < 2 * LOCAL:
+        return False
+    height = (on - plane.center) @ plane.normal
+    spread = robust_std(height - np.median(height))
+    sample = on[np.random.default_rng(0).choice(len(on), size=min(300, len(on)), replace=False)]
+    near = on[np.asarray(KDTree(on).query(sample, k=LOCAL, workers=-1)[1])]
+    offset = near - near.mean(axis=1, keepdims=True)
+    values, vectors = np.linalg.eigh(np.einsum("mki,mkj->mij", offset, offset) / LOCAL)
+    scatter = float(np.median(np.sqrt(np.maximum(values[:, 0], 0))))
+    turned = float(np.median(np.abs(vectors[:, :, 0] @ plane.normal)))
+    return spread > ROUGHER * scatter and turned < TURNED_COS

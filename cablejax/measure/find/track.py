@@ -6,9 +6,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import KDTree
 
-from cablejax.measure.cylinder import Cylinder, fit_cylinder, radial
-from cablejax.measure.search import facing, tolerance_of
-from cablejax.measure.thinning import Surface
+from cablejax.measure.find.cylinder import Cylinder, fit_cylinder, radial
+from cablejax.measure.find.hypotheses import facing, tolerance_of
+from cablejax.measure.find.surface import Surface
 
 STEP = 1.0  # radii
 WINDOW = 1.5  # radii to either side
@@ -17,11 +17,21 @@ GAP_STEPS = 4  # steps without points that a tie or a bracket may hide
 
 
 class Walk(NamedTuple):
-    """The way along a cable: axis points `[m, 3]` in order, the cylinder it began with, and the surface's rows on it."""
+    """The way along a cable.
+
+    Attributes:
+        axis: Points along it `[m, 3]`, in order.
+        start: The cylinder it began with.
+        rows: The surface's rows on it.
+        merit: How much of a cable it is (`find.cables.judged`).
+        scatter_mm: Median distance of the points about the start from its surface.
+    """
 
     axis: Float[np.ndarray, "m 3"]
     start: Cylinder
     rows: np.ndarray
+    merit: float = 0.0
+    scatter_mm: float = 0.0
 
     @property
     def radius_mm(self) -> float:

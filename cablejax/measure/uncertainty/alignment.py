@@ -8,7 +8,7 @@ in the residuals around the circumference is measured here and put into the unce
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 BIN_DEG = 5.0
 OVAL_DEG = 165.0  # of circumference, from which an oval section shows, and the shifts of stations tell on each other
@@ -133,13 +133,3 @@ def shared_errors(
     shared = float(np.sqrt(share @ size**2))
     std = float(np.hypot((UNSEEN if wide else 1.0) * np.sqrt(left), change))
     return Profile(std, shared, change if wide and abs(change) < WILD * noise else 0.0)
-
-
-def blocks(station: Int[np.ndarray, " n"], along_mm: Float[np.ndarray, " n"], *, pieces: int) -> Int[np.ndarray, " n"]:
-    """A number for every station in every one of `pieces` equal stretches of the length, without gaps.
-
-    A station's shift may differ from stretch to stretch: an arm drifts, a window is swept twice.
-    """
-    low, high = along_mm.min(), along_mm.max()
-    piece = np.clip(((along_mm - low) / max(high - low, 1e-9) * pieces).astype(int), 0, pieces - 1)
-    return np.unique(station * pieces + piece, return_inverse=True)[1].reshape(-1)

@@ -12,8 +12,9 @@ from jaxtyping import Bool, Float, Int
 from scipy.interpolate import BSpline
 from scipy.sparse import csr_array, hstack
 
-from cablejax.measure.axis import Axis, Place, locate, sampled, trimmed
-from cablejax.measure.errors import MeasureError
+from cablejax.measure.errors import NoCableError
+from cablejax.measure.fit.axis import Axis, Place, locate, sampled, trimmed
+from cablejax.measure.robust import robust_std
 
 TUKEY = 4.685  # standard deviations; 95 % efficient where the noise is Gaussian
 SECTOR_DEG = 15.0
@@ -70,7 +71,7 @@ def _columns(basis: csr_array) -> int:
 def _scale(residual: np.ndarray, radius: float) -> float:
     """Robust standard deviation about zero, so that a start off by more than the noise keeps its points; a millionth of
     the radius at least, to which float32 coordinates are rounded."""
-    return max(1.4826 * float(np.median(np.abs(residual))), 1e-6 * radius)
+    return max(robust_std(residual), 1e-6 * radius)
 
 
 def _sums(cells: "_Cells", *values: np.ndarray) -> list[np.ndarray]:
@@ -203,7 +204,7 @@ def _solve(design: _Design, radius: float, change: np.ndarray, trust: np.ndarray
         residual = distance - radius - change[-1]
         weight = trust * tukey(residual, _scale(residual, radius))
         if weight.sum() < len(change):
-            raise MeasureError("No cable found: the points do not lie on one smooth round surface.")
+            raise NoCableError("No cable found: the points do not lie on one smooth round surface.")
         pull = _smoothing(design.splines, design.stretches, weight.sum())
         sums = _sums(design.cells, weight * cos * residual, weight * sin * residual)
         pulled = np.concatenate([design.cells.columns.T @ total for total in sums])
@@ -254,7 +255,7 @@ def fit_cable(
         if turn == 0:
             longest = RUNAWAY * axis.length_mm + 4 * radius_mm
         if axis.length_mm > longest:
-            raise MeasureError(
+            raise NoCableError(
                 "No cable found: a curve through what is roundest winds to and fro, and follows nothing."
             )
         design = _design(xyz, axis, knot, block)
@@ -266,13 +267,13 @@ def fit_cable(
         change = _solve(design, radius, start, trust)
         radius += float(change[-1])
         if not radius > 0:
-            raise MeasureError(
+            raise NoCableError(
                 "No cable found: what is roundest is curved the other way round, or no more than its noise."
             )
         shifts = np.stack([change[m:width], change[width + m : 2 * width]])
         bend = np.concatenate([change[:m], change[width : width + m]])
         if np.abs(bend).max() > FURTHEST * radius_mm:
-            raise MeasureError(WINDS)
+            raise NoCableError(WINDS)
         axis = _moved(axis, _basis(axis.s, axis, knot), bend)
         if max(np.abs(bend).max(), abs(change[-1])) < 1e-5 * radius:
             break
@@ -285,7 +286,7 @@ def _check_points(design: _Design, trust: np.ndarray) -> None:
     """Refuse a curve through a handful of points: with enough freedom it goes through any."""
     unknowns = 2 * _columns(design.columns) + 1
     if trust.sum() < PER_UNKNOWN * unknowns:
-        raise MeasureError(
+        raise NoCableError(
             f"Too few points on the cable: {trust.sum():.0f} over {np.ptp(design.place.s):.3g} mm, where at least "
             f"{PER_UNKNOWN * unknowns} are needed to follow its axis."
         )

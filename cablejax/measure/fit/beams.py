@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from cablejax.measure.axis import Place, spot
-from cablejax.measure.fit import CableFit
+from cablejax.measure.fit.axis import Place, spot
+from cablejax.measure.fit.least_squares import CableFit
 
 BIN_DEG = 5.0
 LARGEST = np.radians(72.0)  # incidence; beyond, points are left out or too few to matter

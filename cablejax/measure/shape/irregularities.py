@@ -4,7 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cablejax.measure.sections import Sections
+from cablejax.measure.robust import robust_std
+from cablejax.measure.shape.sections import Sections
 
 NEIGHBORS = 8  # sections to either side that make the local mean
 SIGMA = 5.0
@@ -36,7 +37,7 @@ def irregularities(sections: Sections) -> list[Irregularity]:
     d, std, s = d[good], std[good], s[good]
     if len(d) < 2 * NEIGHBORS + 1:
         return []
-    scatter = 1.4826 * float(np.median(np.abs(np.diff(d)))) / np.sqrt(2)
+    scatter = robust_std(np.diff(d)) / np.sqrt(2)
     doubt = SIGMA * np.hypot(std, scatter) + LEAST_SHARE * np.median(d)
     before = np.array([np.median(d[max(0, i - NEIGHBORS) : max(i, 1)]) for i in range(len(d))])
     after = np.array([np.median(d[i : i + NEIGHBORS]) for i in range(len(d))])

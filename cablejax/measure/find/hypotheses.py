@@ -6,14 +6,19 @@ import numpy as np
 from jaxtyping import Int
 from scipy.spatial import KDTree
 
-from cablejax.measure.cylinder import Cylinder, fit_cylinder, radial
-from cablejax.measure.thinning import Surface
+from cablejax.measure.find.cylinder import Cylinder, fit_cylinder, radial
+from cablejax.measure.find.surface import Surface
+from cablejax.measure.settings import SearchLimits
 
 NORMAL_COS = np.cos(np.radians(30))
 TOLERANCE, ROUGHNESSES = (
     0.1,
     3.0,
 )  # a point lies on a cylinder within so much of the radius, or so many times the roughness
+SAMPLE = 1_500  # points on which all hypotheses are scored
+ROUGH_RADIUS = 1.2  # times the limits of the diameter, within which a local cylinder is looked at
+AXIS_DEG = 20.0
+AXIS_COS = float(np.cos(np.radians(AXIS_DEG)))
 REACH = 3.0  # radii: a cable that bends by 15 diameters leaves its tangent by 0.15 radii over that length
 
 
@@ -123,28 +128,80 @@ def _refine(surface: Surface, cylinder: Cylinder) -> Candidate:
     return Candidate(cylinder, score(surface, cylinder, tolerance_of(surface, cylinder.radius_mm))[0])
 
 
+def _within(cylinders: list[Cylinder], surface: Surface, limits: SearchLimits) -> list[Cylinder]:
+    """Those wider than the spacing, no wider than the scan, and within the limits."""
+    largest = 0.5 * float(np.linalg.norm(np.ptp(surface.xyz, axis=0)))
+    low, high = (0.0, np.inf) if limits.diameter_mm is None else limits.diameter_mm
+    # A hypothesis through two points is rough: its fit decides.
+    low, high = max(surface.spacing_mm, 0.5 * low / ROUGH_RADIUS), min(largest, 0.5 * high * ROUGH_RADIUS)
+    return [one for one in cylinders if low < one.radius_mm < high and _along(one, limits)]
+
+
+def _along(cylinder: Cylinder, limits: SearchLimits) -> bool:
+    if limits.axis is None:
+        return True
+    wanted = np.array(limits.axis) / np.linalg.norm(limits.axis)
+    return bool(abs(cylinder.direction @ wanted) > AXIS_COS)
+
+
+def _apart(cylinders: list[Cylinder], most: int) -> list[Cylinder]:
+    """The first `most` of a list that are not one another's continuation: other axes, or other places along them."""
+    kept: list[Cylinder] = []
+    for one in cylinders:
+        if len(kept) == most:
+            break
+        for other in kept:
+            offset = one.center - other.center
+            along = float(offset @ other.direction)
+            aside = float(np.linalg.norm(offset - along * other.direction))
+            turned = abs(float(one.direction @ other.direction))
+            if aside < 0.5 * other.radius_mm and abs(along) < 2 * REACH * other.radius_mm and turned > 0.9:
+                break
+        else:
+            kept.append(one)
+    return kept
+
+
 def find_candidates(
-    surface: Surface, *, rng: np.random.Generator, tries: int = 3000, per_octave: int = 4
+    surface: Surface,
+    *,
+    rng: np.random.Generator,
+    tries: int = 3000,
+    per_octave: int = 4,
+    limits: SearchLimits | None = None,
+    apart: bool = False,
 ) -> list[Candidate]:
     """The best local cylinders of a surface, best first, each fitted to its own points.
 
     Pairs of points with normals give cylinders; all are scored on a sample. A large surface always holds more points
     than a thin cable beside it, so the best `per_octave` of each doubling of the radius are kept and compared later.
+
+    Args:
+        surface: The thinned scan.
+        rng: Source of the random samples.
+        tries: Number of pairs.
+        per_octave: How many of each doubling of the radius are fitted.
+        limits: Diameters and directions that are sought; any if None.
+        apart: Whether those kept must lie apart: for scenes of many cables, of which the best would else come many times.
     """
+    limits = SearchLimits() if limits is None else limits
     if len(surface.xyz) < 20:
         return []
-    largest = 0.5 * float(np.linalg.norm(np.ptp(surface.xyz, axis=0)))
-    guesses = [guess for guess in _guesses(surface, rng, tries) if surface.spacing_mm < guess.radius_mm < largest]
+    guesses = _within(_guesses(surface, rng, tries), surface, limits)
     if not guesses:
         return []
-    sample = surface.subset(rng.choice(len(surface.xyz), size=min(1500, len(surface.xyz)), replace=False))
+    some = SAMPLE if not apart else 3 * SAMPLE
+    sample = surface.subset(rng.choice(len(surface.xyz), size=min(some, len(surface.xyz)), replace=False))
     rough = np.array([score(sample, guess, tolerance_of(surface, guess.radius_mm))[0] for guess in guesses])
     octave = np.floor(np.log2([guess.radius_mm for guess in guesses])).astype(int)
     found = []
     for level in np.unique(octave):
         rows = np.flatnonzero(octave == level)
-        for index in rows[np.argsort(-rough[rows], kind="stable")[:per_octave]]:
-            candidate = _refine(surface, guesses[index])
-            if candidate.score > 0 and surface.spacing_mm < candidate.cylinder.radius_mm < largest:
+        best = [
+            guesses[index] for index in rows[np.argsort(-rough[rows], kind="stable")] if rough[index] > 0 or not apart
+        ]
+        for guess in _apart(best, per_octave) if apart else best[:per_octave]:
+            candidate = _refine(surface, guess)
+            if candidate.score > 0 and _within([candidate.cylinder], surface, limits):
                 found.append(candidate)
     return sorted(found, key=lambda candidate: -candidate.score)

@@ -4,7 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cablejax.measure.axis import Axis
+from cablejax.measure.fit.axis import Axis
+from cablejax.measure.robust import COVERAGE
 
 ALIKE = 2.0  # standard deviations below the largest curvature, within which those beside it count as the same bend
 SHAPE = (
@@ -60,4 +61,4 @@ def tightest_bend(axis: Axis, *, window_mm: float, center_std_mm: float) -> Bend
     if k < 3 * std:
         return None
     std = float(np.hypot(std, SHAPE * k))
-    return Bend(1 / k, where[best], (1 / (k + 1.96 * std), 1 / max(k - 1.96 * std, 1e-12)))
+    return Bend(1 / k, where[best], (1 / (k + COVERAGE * std), 1 / max(k - COVERAGE * std, 1e-12)))

@@ -5,7 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from cablejax.measure.fit import CableFit, tukey
+from cablejax.measure.fit.least_squares import CableFit, tukey
+from cablejax.measure.robust import robust_std
 
 BIN_DEG = 5.0
 OVAL_DEG = 175.0
@@ -133,7 +134,7 @@ def _slabs(
     change[good] = np.einsum("mij,mj->mi", inverse, right[good])
     left = fit.residual_mm - np.einsum("cn,nc->n", columns, change[slab])
     left = np.abs(left[(weight > 0) & np.isfinite(left)])
-    covariance[good] = (1.4826 * float(np.median(left)) if len(left) else 0.0) ** 2 * inverse
+    covariance[good] = (robust_std(left) if len(left) else 0.0) ** 2 * inverse
     return change, covariance
 
 
@@ -150,7 +151,7 @@ def oval(fit: CableFit) -> Oval:
     change, inverse, scale = np.zeros(5), np.zeros((5, 5)), 0.0
     for _ in range(5):  # the oval must not count as noise, nor its poles as outliers
         left = fit.residual_mm - columns @ change
-        scale = 1.4826 * float(np.median(np.abs(left)))
+        scale = robust_std(left)
         weight = tukey(left, scale)
         inverse = np.linalg.pinv(columns.T @ (weight[:, None] * columns))
         change = inverse @ (columns.T @ (weight * fit.residual_mm))

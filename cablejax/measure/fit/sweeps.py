@@ -7,7 +7,7 @@ sweeps show as runs along the axis, and each can be given its shift in the fit a
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from cablejax.measure.axis import Place
+from cablejax.measure.fit.axis import Place
 
 CHUNK = 48  # rows that are looked at together
 LEAST_ROWS = 150  # in a sweep; shorter runs join the one before
@@ -133,3 +133,13 @@ def _without_holes(seen: Bool[np.ndarray, " bins"]) -> Bool[np.ndarray, " bins"]
     out = np.ones(len(seen), dtype=bool)
     out[turned[widest] + 1 : turned[widest] + gaps[widest]] = False
     return np.roll(out, first)
+
+
+def blocks(station: Int[np.ndarray, " n"], along_mm: Float[np.ndarray, " n"], *, pieces: int) -> Int[np.ndarray, " n"]:
+    """A number for every station in every one of `pieces` equal stretches of the length, without gaps.
+
+    A station's shift may differ from stretch to stretch: an arm drifts, a window is swept twice.
+    """
+    low, high = along_mm.min(), along_mm.max()
+    piece = np.clip(((along_mm - low) / max(high - low, 1e-9) * pieces).astype(int), 0, pieces - 1)
+    return np.unique(station * pieces + piece, return_inverse=True)[1].reshape(-1)

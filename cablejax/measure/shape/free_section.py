@@ -5,8 +5,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from cablejax.measure.fit import CableFit, tukey
-from cablejax.measure.sections import arc_of
+from cablejax.measure.fit.least_squares import CableFit, tukey
+from cablejax.measure.robust import robust_std
+from cablejax.measure.shape.sections import arc_of
 
 WAVES = 12  # highest harmonic of the radius over the angle: features of 30 degrees and wider
 WHOLE_DEG = 345.0  # circumference that must be seen: the curve has no place to guess
@@ -61,7 +62,7 @@ def free_section(fit: CableFit, bias_mm: float) -> FreeSection | None:
     inverse, scale = np.eye(2 * WAVES + 1), fit.noise_mm
     for _ in range(4):  # the shape must not count as noise
         left = fit.residual_mm - columns @ change
-        scale = max(1.4826 * float(np.median(np.abs(left))), 1e-9)
+        scale = max(robust_std(left), 1e-9)
         weight = tukey(left, scale)
         inverse = np.linalg.pinv(columns.T @ (weight[:, None] * columns))
         change = inverse @ (columns.T @ (weight * fit.residual_mm))

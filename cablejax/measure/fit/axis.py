@@ -7,7 +7,7 @@ from jaxtyping import Float
 from scipy.interpolate import make_interp_spline, make_lsq_spline
 from scipy.spatial import KDTree
 
-from cablejax.measure.cylinder import frame
+from cablejax.measure.find.cylinder import frame
 
 
 class Place(NamedTuple):
