@@ -17,7 +17,20 @@ from cablejax.ops.feature_graph import feature_graph
 from cablejax.ops.filter_width import Trial, choose_alpha, pilot_step, usual_noise, width_trial
 from cablejax.ops.filters import FilterResult, adaptive_filter
 from cablejax.ops.moments import LocalMoments, local_moments, masked_covariance, masked_mean, masked_variance
-from cablejax.ops.neighbors import KnnResult, RadiusResult, knn, knn_features, radius_count, radius_search
+from cablejax.ops.neighbors import (
+    KnnResult,
+    RadiusCount,
+    RadiusResult,
+    SearchTree,
+    build_tree,
+    knn,
+    knn_features,
+    query,
+    query_count,
+    query_radius,
+    radius_count,
+    radius_search,
+)
 from cablejax.ops.outliers import OutlierResult, median_outliers, radius_outliers, statistical_outliers
 from cablejax.ops.raster import cylinder_raster, raster_taps, sample_raster
 from cablejax.ops.rigid import invert, kabsch, se3_exp, se3_log, transform
@@ -30,9 +43,12 @@ __all__ = [
     "KnnResult",
     "LocalMoments",
     "OutlierResult",
+    "RadiusCount",
     "RadiusResult",
+    "SearchTree",
     "Trial",
     "adaptive_filter",
+    "build_tree",
     "channel_attention",
     "choose_alpha",
     "clean",
@@ -54,6 +70,9 @@ __all__ = [
     "neighbor_sum",
     "pilot_step",
     "principal_frame",
+    "query",
+    "query_count",
+    "query_radius",
     "radius_count",
     "radius_outliers",
     "radius_search",
