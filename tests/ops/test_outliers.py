@@ -1,7 +1,5 @@
 """Outlier removal against Open3D and NumPy float64."""
 
-import ctypes
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -20,14 +18,6 @@ def scan(seed=0):
     xyz = np.stack([radius * np.cos(angle), radius * np.sin(angle), rng.uniform(0, 20, N)], axis=1)
     xyz[::40] += rng.uniform(-8, 8, (30, 3))
     return xyz.astype(np.float32)
-
-
-@pytest.fixture(scope="module")
-def open3d_cloud():
-    libusb_package = pytest.importorskip("libusb_package")
-    ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
-    open3d = pytest.importorskip("open3d")
-    return lambda xyz: open3d.geometry.PointCloud(open3d.utility.Vector3dVector(xyz.astype(np.float64)))
 
 
 def assert_kept(result, kept, margin=1e-5):

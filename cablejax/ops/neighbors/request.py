@@ -114,7 +114,7 @@ def as_float32(xyz: Array, name: str) -> Float[Array, "..."]:
     )
 
 
-def bit(condition: Bool[Array, " n"], status: Status) -> Int[Array, " n"]:
+def bit(condition: Bool[Array, "*n"], status: Status) -> Int[Array, "*n"]:
     """A status where a condition holds, 0 elsewhere."""
     return jnp.where(condition, jnp.int32(int(status)), jnp.int32(0))
 
