@@ -4,7 +4,7 @@ from functools import partial
 
 import jax
 import jax.numpy as jnp
-from jax.sharding import Mesh, PartitionSpec
+from jax.sharding import AxisType, Mesh, PartitionSpec
 from jaxtyping import Array, Bool, Float
 
 from cablejax.ops.neighbors import KnnResult, SearchTree
@@ -48,6 +48,8 @@ def query_sharded(
     check_tree(tree)
     if tree.row_splits is not None:
         raise ValueError("tree: expected one of one cloud, got one of a ragged batch, which is searched as one already")
+    # Whatever types its axes have: the queries' own sharding decides nothing.
+    mesh = Mesh(mesh.devices, mesh.axis_names, axis_types=(AxisType.Auto,) * len(mesh.axis_names))
     return _query_sharded(tree, queries, k=k, mesh=mesh, include_self=include_self)
 
 
