@@ -45,7 +45,7 @@ class PartNetwork(nnx.Module):
     Args:
         num_classes: Parts P.
         k: Neighbours per point in every graph, the point itself counted.
-        attention: Channel attention, equation (12).
+        attention: Channel attention, eq. (12).
         widths: Channels of the edge convolutions.
         shared_width: Channels of the shared layer before pooling.
         head: Channels of the layers that label.

@@ -1,4 +1,4 @@
-"""Masked and local moments, equations (2) and (3), against NumPy float64."""
+"""Masked and local moments, eqs. (2) and (3), against NumPy float64."""
 
 import jax.numpy as jnp
 import numpy as np

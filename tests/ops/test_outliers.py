@@ -114,3 +114,10 @@ def test_bad_arguments_are_named():
         statistical_outliers(cloud, k=20, found=knn(cloud.xyz, k=9))
     with pytest.raises(ValueError, match="k: expected at least 1, got 0"):
         median_outliers(PointCloud.from_xyz(scan()), k=0)
+
+
+def test_a_radius_that_is_none_keeps_nothing_and_says_so():
+    cloud = PointCloud.from_xyz(scan()[:50])
+    found = radius_outliers(cloud, radius=-1.0, min_neighbors=0)
+    assert not np.asarray(found.keep).any()
+    assert int(found.status) == Status.INVALID

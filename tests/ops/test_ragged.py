@@ -57,10 +57,12 @@ def test_every_cloud_is_searched_alone(axes, kind):
     assert not np.asarray(found.status[-PADDING:]).any()
 
 
-def test_by_the_tree_a_batch_gives_what_its_clouds_give():
-    parts = clouds((1300, 2, 0, 1, 900, 500, 30), 3, "spread")
-    parts[4][:600] = parts[4][0]  # the slow cloud: hundreds of equal points
+@pytest.mark.parametrize("sizes", [(1300, 2, 0, 1, 900, 500, 30), (1137, *range(40), *(2, 0, 1) * 20, *(6,) * 126)])
+def test_by_the_tree_a_batch_gives_what_its_clouds_give(sizes):
+    parts = clouds(sizes, 3, "spread")
+    parts[0][:600] = parts[0][0]  # the slow cloud: hundreds of equal points
     xyz, splits = packed(parts)
+    splits = jnp.pad(splits, (0, 300 - splits.shape[0]), mode="edge")  # one program for both: the rest is empty clouds
     tree = build_tree(xyz, row_splits=splits)
     assert tree.tree is not None
     found, near = query(tree, k=K), query_radius(tree, radius=0.5, capacity=K)
