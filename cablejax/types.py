@@ -129,6 +129,7 @@ class Status(enum.IntFlag):
     DEGENERATE = 16
     EMPTY = 32
     LOWER_ORDER = 64
+    INVALID = 128
 
 
 STATUS_TEXT: Mapping[Status, str] = MappingProxyType(
@@ -140,6 +141,7 @@ STATUS_TEXT: Mapping[Status, str] = MappingProxyType(
         Status.DEGENERATE: "the geometry leaves the answer undetermined",
         Status.EMPTY: "the cloud holds no valid point",
         Status.LOWER_ORDER: "the neighbours of some points do not determine the surface asked for, so a simpler one was taken",
+        Status.INVALID: "an argument has a value that nothing can be computed with, so nothing was",
     }
 )
 

@@ -152,7 +152,7 @@ def _denoise(sub: argparse._SubParsersAction) -> None:
     parser.add_argument("--neighbors", type=int, default=100, metavar="K", help="of the filter (default: 100)")
     parser.add_argument(
         "--order", type=int, choices=(0, 1, 2), default=2,
-        help="local surface: 0 the mean of the paper's equation (8), which shrinks a cable; 1 plane; 2 quadric (default)",
+        help="local surface: 0 the mean of the paper's eq. (8), which shrinks a cable; 1 plane; 2 quadric (default)",
     )  # fmt: skip
     parser.add_argument("--std-ratio", type=float, default=2.0, help="outliers beyond so many deviations (default: 2)")
     parser.add_argument("--no-filter", action="store_true", help="remove outliers alone")

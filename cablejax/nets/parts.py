@@ -12,8 +12,9 @@ from cablejax.nets.head import PooledLayer
 from cablejax.nets.init import he_normal, lecun_normal
 from cablejax.nets.norm import BatchNorm
 from cablejax.ops.cylinder import principal_frame
+from cablejax.ops.eigen import symmetric_eigen
 from cablejax.ops.feature_graph import feature_graph
-from cablejax.ops.moments import local_moments, symmetric_eigenvalues
+from cablejax.ops.moments import local_moments
 
 LOCAL_K = (8, 32)  # neighbourhoods whose shape the network is told
 LOCAL_CHANNELS = 4 * len(LOCAL_K)
@@ -30,7 +31,7 @@ def local_shape(xyz: Float[Array, "n 3"], mask: Bool[Array, " n"]) -> Float[Arra
     found = []
     for k in LOCAL_K:
         moments = local_moments(xyz, graph[:, :k])
-        spread = jnp.sqrt(jnp.maximum(symmetric_eigenvalues(moments.covariance), 0.0))
+        spread = jnp.sqrt(jnp.maximum(symmetric_eigen(moments.covariance).values, 0.0))
         found += [spread, jnp.linalg.norm(moments.mean - xyz, axis=1, keepdims=True)]
     return jnp.where(mask[:, None], jnp.concatenate(found, axis=1) / LOCAL_MM, 0.0)
 
@@ -44,7 +45,7 @@ class PartNetwork(nnx.Module):
     Args:
         num_classes: Parts P.
         k: Neighbours per point in every graph, the point itself counted.
-        attention: Channel attention, equation (12).
+        attention: Channel attention, eq. (12).
         widths: Channels of the edge convolutions.
         shared_width: Channels of the shared layer before pooling.
         head: Channels of the layers that label.

@@ -1,4 +1,4 @@
-"""Overall and class-average accuracy, equations (20) and (21), and a model's evaluation on a split."""
+"""Overall and class-average accuracy, eqs. (20) and (21), and a model's evaluation on a split."""
 
 from functools import partial
 from typing import Any, NamedTuple, Protocol, runtime_checkable
@@ -47,8 +47,8 @@ class Metrics(NamedTuple):
     """What an evaluation found.
 
     Attributes:
-        overall: Share of clouds classified rightly, equation (20), in 0..1.
-        class_average: Mean over the classes present of that share within the class, equation (21).
+        overall: Share of clouds classified rightly, eq. (20), in 0..1.
+        class_average: Mean over the classes present of that share within the class, eq. (21).
         loss: Mean cross-entropy, nats.
         confusion: Counts `[C, C]`, rows the true class, columns the predicted one.
         diameter: Of a network with a regression head, else None.
@@ -73,13 +73,13 @@ def confusion_matrix(labels: np.ndarray, predicted: np.ndarray, num_classes: int
 
 
 def overall_accuracy(confusion: np.ndarray) -> float:
-    """Equation (20) as a share of 1: right answers over all; NaN without samples."""
+    """Eq. (20) as a share of 1: right answers over all; NaN without samples."""
     total = confusion.sum()
     return float(np.trace(confusion) / total) if total else float("nan")
 
 
 def class_average_accuracy(confusion: np.ndarray) -> float:
-    """Equation (21) as a share of 1: the mean over classes of the share that is right; classes without samples left out.
+    """Eq. (21) as a share of 1: the mean over classes of the share that is right; classes without samples left out.
 
     Example:
         >>> class_average_accuracy(np.array([[8, 0], [1, 1]]))

@@ -1,4 +1,4 @@
-"""The adaptive filter against equations (2)-(8) in NumPy float64, and what it does to a cable."""
+"""The adaptive filter against eqs. (2)-(8) in NumPy float64, and what it does to a cable."""
 
 import jax
 import jax.numpy as jnp

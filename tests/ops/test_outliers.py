@@ -1,7 +1,5 @@
 """Outlier removal against Open3D and NumPy float64."""
 
-import ctypes
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -25,14 +23,6 @@ def scan(seed=0):
 def exact(xyz):
     """A cloud without padding."""
     return PointCloud.from_xyz(xyz, capacity=len(xyz))
-
-
-@pytest.fixture(scope="module")
-def open3d_cloud():
-    libusb_package = pytest.importorskip("libusb_package")
-    ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
-    open3d = pytest.importorskip("open3d")
-    return lambda xyz: open3d.geometry.PointCloud(open3d.utility.Vector3dVector(xyz.astype(np.float64)))
 
 
 def assert_kept(result, kept, margin=1e-5):
@@ -129,3 +119,10 @@ def test_bad_arguments_are_named():
         statistical_outliers(cloud, k=20, found=knn(cloud.xyz, k=9))
     with pytest.raises(ValueError, match="k: expected at least 1, got 0"):
         median_outliers(exact(scan()), k=0)
+
+
+def test_a_radius_that_is_none_keeps_nothing_and_says_so():
+    cloud = PointCloud.from_xyz(scan()[:50])
+    found = radius_outliers(cloud, radius=-1.0, min_neighbors=0)
+    assert not np.asarray(found.keep).any()
+    assert int(found.status) == Status.INVALID
