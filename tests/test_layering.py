@@ -25,8 +25,9 @@ ALLOWED = {
     "train": {"types", "ops", "registration", "measure", "simulate", "nets", "io"},
     "io": {"types", "optional"},
     "report": {"types", "optional"},
-    "tiles": {"types", "ops", "io"},
-    "cli": {"types", "ops", "registration", "measure", "simulate", "nets", "train", "io", "report", "tiles"}
+    "batch": {"types", "io", "optional", "runtime"},
+    "tiles": {"types", "ops", "io", "batch"},
+    "cli": {"types", "ops", "registration", "measure", "simulate", "nets", "train", "io", "report", "tiles", "batch"}
     | {"optional", "runtime", "jax_sums"},
 }
 HEAVY = (

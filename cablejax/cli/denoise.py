@@ -4,8 +4,10 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from cablejax.batch.table import Column
+from cablejax.cli import folder
 from cablejax.cli.capacity import padded
-from cablejax.cli.main import NoResultError
+from cablejax.cli.errors import NoResultError
 from cablejax.cli.scans import WRITABLE, check_output, load, rows, save, say
 from cablejax.cli.streams import tell
 
@@ -14,7 +16,39 @@ TILE_POINTS = 1 << 18
 CHUNK = 1_000_000
 
 
+SCHEMA = "denoise-rows/1"
+COLUMNS = (
+    Column("output", "text", "file written"),
+    Column("points", "whole", "valid points read"),
+    Column("removed", "whole", "outliers among them"),
+    Column("moved_rms_mm", "number", "root mean square of how far points were moved"),
+    Column("kernel_width_mm", "number", "mean width of the filter's kernel; empty with `--no-filter`"),
+    Column("tiles", "whole", "tiles; empty where the cloud was cleaned at once"),
+)
+
+
 def run(options: argparse.Namespace) -> dict[str, Any]:
+    """Clean a scan, or every scan of a folder into another folder."""
+    if Path(options.scan).is_dir():
+        target = Path(options.output)
+        if target.resolve() == Path(options.scan).resolve():
+            raise NoResultError(f"{target}: expected another folder than that of the scans")
+        return folder.run_folder(options, {"output": lambda scan: target / _output_name(scan.name)})
+    folder.refuse_options(options)
+    return one(options)
+
+
+def _output_name(name: str) -> str:
+    """The source's own name where its format can be written."""
+    return name if Path(name).suffix.lower() in WRITABLE else f"{name}.ply"
+
+
+def rows_of(result: dict[str, Any]) -> list[dict[str, Any]]:
+    """A row of a folder's table."""
+    return [{column.name: result.get(column.name) for column in COLUMNS}]
+
+
+def one(options: argparse.Namespace) -> dict[str, Any]:
     """Read, remove outliers, filter, write."""
     check_output(options.output, WRITABLE)
     if options.neighbors < 1:
@@ -103,6 +137,8 @@ def _tiled(options: argparse.Namespace, tile_points: int) -> dict[str, Any]:
 
 def table(result: dict[str, Any]) -> str:
     """The result for reading."""
+    if "rows" in result:
+        return folder.table(result, lambda row: f"{row['removed']:,} of {row['points']:,} points removed")
     width = result["kernel_width_mm"]
     tiles = [("tiles", f"{result['tiles']:,}, halo {result['halo_mm']:.3g} mm")] if "tiles" in result else []
     return rows(

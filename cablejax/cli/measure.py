@@ -5,23 +5,53 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-from cablejax.cli import batch, known
+from cablejax.batch.table import Column
+from cablejax.cli import folder, known
 from cablejax.cli.checkpoint import parts_of
-from cablejax.cli.main import NoResultError
+from cablejax.cli.errors import NoResultError
 from cablejax.cli.scans import check_output, load, make_folder, rows, save_bytes, say
 from cablejax.optional import require
+
+
+SCHEMA = "measure-rows/1"
+COLUMNS = (
+    Column("diameter_mm", "number", "overall diameter"),
+    Column("low_mm", "number", "lower end of its 95 % interval"),
+    Column("high_mm", "number", "upper end of its 95 % interval"),
+    Column("std_mm", "number", "its standard uncertainty"),
+    Column("minimum_mm", "number", "least diameter"),
+    Column("maximum_mm", "number", "greatest diameter"),
+    Column("ovality", "number", "their difference over the mean diameter"),
+    Column("length_mm", "number", "length of the axis within the scan"),
+    Column("bend_radius_mm", "number", "radius of the tightest bend; empty where straight"),
+    Column("arc_deg", "number", "circumference seen"),
+    Column("noise_mm", "number", "standard deviation of the points about the surface"),
+    Column("points", "whole", "points that the diameter rests on"),
+    Column("verdict", "text", "nominal size, with `--catalogue`"),
+    Column("conformity", "text", "`pass`, `fail` or `undecided`, with `--tolerance`"),
+)
 
 
 def run(options: argparse.Namespace) -> dict[str, Any]:
     """Measure a scan, or every scan of a folder."""
     if Path(options.scan).is_dir() and options.command == "measure":
-        return batch.run_folder(options, _one)
-    if options.csv is not None:
-        raise NoResultError("--csv: is for a folder of scans; give --json for one")
-    return _one(options)
+        reports = options.report
+        if reports is None:
+            return folder.run_folder(options)
+        require("jinja2", "plotly", "matplotlib", why="a report")
+        return folder.run_folder(options, {"report": lambda scan: Path(reports) / f"{scan.name}.html"})
+    folder.refuse_options(options)
+    return one(options)
 
 
-def _one(options: argparse.Namespace) -> dict[str, Any]:
+def rows_of(result: dict[str, Any]) -> list[dict[str, Any]]:
+    """The row of the cable in a folder's table."""
+    low, high = result["interval_mm"]
+    same = {column.name: result.get(column.name) for column in COLUMNS}
+    return [{**same, "low_mm": low, "high_mm": high, "warnings": " ".join(result.get("warnings", ()))}]
+
+
+def one(options: argparse.Namespace) -> dict[str, Any]:
     """Read, measure, judge, write the report."""
     if options.tolerance is not None and not options.tolerance[0] < options.tolerance[1]:
         raise NoResultError(
@@ -77,10 +107,15 @@ def _interval(interval: list[float] | None, digits: str = ".3f") -> str:
     return "" if interval is None else f"  (95 %: {interval[0]:{digits}} to {interval[1]:{digits}})"
 
 
+def _line(row: dict[str, Any]) -> str:
+    size = "" if row["verdict"] is None else f", {row['verdict']}"
+    return f"{row['diameter_mm']:.3f} mm{_interval([row['low_mm'], row['high_mm']])}{size}"
+
+
 def table(result: dict[str, Any]) -> str:
     """The result for reading: numbers, budget, nominal sizes, warnings."""
-    if "scans" in result:
-        return batch.table(result)
+    if "rows" in result:
+        return folder.table(result, _line)
     r = result
     bend = "straight within its uncertainty"
     if r["bend_radius_mm"] is not None:
