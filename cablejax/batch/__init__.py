@@ -1,6 +1,6 @@
 """Many tasks in processes of their own, on this machine or a cluster: a crash costs one retry, a kill the tasks in flight."""
 
-from cablejax.batch.engine import Dask, Engine, Here, Processes, engine_for
+from cablejax.batch.engine import Dask, Engine, EngineError, Here, Processes, engine_for
 from cablejax.batch.table import Column, Row, Table, TableError, columns_of
 from cablejax.batch.task import Outcome, Task
 
@@ -8,6 +8,7 @@ __all__ = [
     "Column",
     "Dask",
     "Engine",
+    "EngineError",
     "Here",
     "Outcome",
     "Processes",

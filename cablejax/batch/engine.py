@@ -85,6 +85,10 @@ def usable_cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+class EngineError(Exception):
+    """An engine cannot be reached, or was lost; the message says which."""
+
+
 class Dask:
     """On the workers of a Dask cluster, which must see the same files and have cablejax installed.
 
@@ -96,7 +100,6 @@ class Dask:
 
     Raises:
         MissingPackageError: If dask.distributed is not installed.
-        OSError: If no scheduler answers there.
     """
 
     def __init__(self, address: str):
@@ -104,23 +107,32 @@ class Dask:
         self.address = address
 
     def run(self, tasks: Sequence[Task]) -> Generator[Outcome, None, None]:
-        """As `Engine.run`."""
+        """As `Engine.run`.
+
+        Raises:
+            EngineError: If no scheduler answers, or it has gone meanwhile.
+        """
         from distributed import Client, as_completed
 
-        with Client(self.address, timeout=CONNECT_S, set_as_default=False) as client:
+        try:
+            client = Client(self.address, timeout=CONNECT_S, set_as_default=False)
+        except (OSError, ValueError) as error:
+            raise EngineError(f"--scheduler {self.address}: no Dask scheduler answers there ({error})") from None
+        with client:
             run = uuid.uuid4().hex  # a scheduler remembers the keys of others
             futures: dict[Any, Task] = {
                 client.submit(on_worker, task, key=f"{task.name}-{run}", pure=False): task for task in tasks
             }
-            for future in as_completed(list(futures)):
-                yield _outcome(future, futures.pop(future))
+            for future in as_completed(list(futures), loop=client.loop):
+                yield self._outcome(future, futures.pop(future))
 
-
-def _outcome(future: Any, task: Task) -> Outcome:
-    if future.status == "finished":
-        return Outcome(*future.result())
-    error = future.exception()
-    return Outcome(task.name, "crashed", reason=f"the cluster gave it up ({type(error).__name__}: {error})")
+    def _outcome(self, future: Any, task: Task) -> Outcome:
+        if future.status == "finished":
+            return Outcome(*future.result())
+        if future.status in ("cancelled", "lost"):
+            raise EngineError(f"--scheduler {self.address}: the scheduler has gone")
+        error = future.exception()
+        return Outcome(task.name, "crashed", reason=f"the cluster gave it up ({type(error).__name__}: {error})")
 
 
 _mine = threading.local()

@@ -127,6 +127,7 @@ class Table:
             return None
 
     def _from_json(self, content: bytes) -> list[Row]:
+        rows: list[Any]
         try:
             rows = [json.loads(line) for line in content.splitlines()]
         except ValueError:

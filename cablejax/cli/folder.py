@@ -69,7 +69,7 @@ def run_folder(options: argparse.Namespace, places: Places | None = None) -> dic
     Raises:
         NoResultError: If the folder holds no point file, none of them gives a result, or a table cannot be written.
     """
-    from cablejax.batch import TableError, engine_for
+    from cablejax.batch import EngineError, TableError, engine_for
 
     module = importlib.import_module(f"cablejax.cli.{options.command}")
     folder, tables = Path(options.scan), [path for path in (options.csv, options.jsonl) if path is not None]
@@ -80,15 +80,16 @@ def run_folder(options: argparse.Namespace, places: Places | None = None) -> dic
     places = places or {}
     try:
         engine = engine_for(jobs=options.jobs, scheduler=options.scheduler)
+    except ValueError as error:
+        raise NoResultError(f"--{error}") from None
+    try:
         with _tables(tables, module, fresh=not options.resume) as opened:
             batch = _Batch(options, module.SCHEMA, module.COLUMNS, files, opened, places)
             for place in places.values():
                 make_folder(place(files[0]).parent)
             batch.run(engine)
             return batch.summary()
-    except ValueError as error:
-        raise NoResultError(f"--{error}") from None
-    except TableError as error:
+    except (TableError, EngineError) as error:
         raise NoResultError(str(error)) from None
 
 

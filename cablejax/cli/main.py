@@ -34,7 +34,8 @@ examples:
 def _scan_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "scan",
-        help="point file (info, measure, denoise: or a folder of them): PLY, PCD, XYZ, TXT, CSV, PTS, PTX, OBJ, LAS, LAZ or E57, gzipped or not",
+        help="point file, or for info, measure and denoise a folder of them: PLY, PCD, XYZ, TXT, CSV, PTS, PTX, OBJ, LAS, LAZ "
+        "or E57, gzipped or not",
     )
     parser.add_argument(
         "--unit", choices=UNITS, help="unit of the file's coordinates (default: mm or m by the extent, with a warning)"

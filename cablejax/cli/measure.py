@@ -12,7 +12,6 @@ from cablejax.cli.errors import NoResultError
 from cablejax.cli.scans import check_output, load, make_folder, rows, save_bytes, say
 from cablejax.optional import require
 
-
 SCHEMA = "measure-rows/1"
 COLUMNS = (
     Column("diameter_mm", "number", "overall diameter"),
