@@ -34,7 +34,7 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
         if target.resolve() == Path(options.scan).resolve():
             raise NoResultError(f"{target}: expected another folder than that of the scans")
         return folder.run_folder(options, {"output": lambda scan: target / _output_name(scan.name)})
-    folder.refuse_options(options)
+    folder.refuse_options(options, "csv", "jsonl")
     return one(options)
 
 
@@ -56,6 +56,8 @@ def one(options: argparse.Namespace) -> dict[str, Any]:
     source = Path(options.scan)
     if options.tile is not None or (source.is_file() and source.stat().st_size >= LARGE):
         return _tiled(options, options.tile or TILE_POINTS)
+    if options.scheduler is not None:
+        raise NoResultError("--scheduler: is for a folder of scans, or one with --tile")
     return _whole(options)
 
 
@@ -99,8 +101,9 @@ def _whole(options: argparse.Namespace) -> dict[str, Any]:
 
 def _tiled(options: argparse.Namespace, tile_points: int) -> dict[str, Any]:
     """Tile by tile, for files larger than memory; a run that was killed goes on."""
+    from cablejax.batch import EngineError, engine_for
     from cablejax.io import PointFileError
-    from cablejax.tiles import Settings, denoise_file
+    from cablejax.tiles import Settings, TileError, denoise_file
 
     if options.unit is None:
         tell("cablejax: warning: no --unit given, the file is taken to be in mm")
@@ -108,12 +111,16 @@ def _tiled(options: argparse.Namespace, tile_points: int) -> dict[str, Any]:
         std_ratio=options.std_ratio, k=options.neighbors, order=options.order, smooth=not options.no_filter
     )
     try:
+        engine = engine_for(jobs=options.jobs, scheduler=options.scheduler)
+    except ValueError as error:
+        raise NoResultError(f"--{error}") from None
+    try:
         result = denoise_file(
             options.scan, options.output, settings=settings, unit=options.unit or "mm", columns=options.columns,
-            tile_points=tile_points, chunk=CHUNK,
+            tile_points=tile_points, chunk=CHUNK, engine=engine,
             progress=lambda stage, done, total: say(options, f"{stage}: {done:,} of {total:,}"),
         )  # fmt: skip
-    except (PointFileError, ValueError) as error:
+    except (PointFileError, TileError, EngineError, ValueError) as error:
         raise NoResultError(str(error)) from None
     except OSError as error:
         raise NoResultError(f"{options.output}: cannot work beside it ({error.strerror})") from None

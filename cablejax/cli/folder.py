@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--csv", metavar="FILE.csv", help="one row a scan, written as it is known; the next run goes on from it"
     )
     group.add_argument("--jsonl", metavar="FILE.jsonl", help="the same rows as JSON lines")
-    group.add_argument("--jobs", type=int, metavar="N", help="processes (default: one a core; 0: none of their own)")
+    group.add_argument("--jobs", type=int, metavar="N", help="processes (default: one a core; 0: none but this one)")
     group.add_argument("--scheduler", metavar="ADDRESS", help="work on a Dask cluster: tcp://10.0.0.1:8786")
     group.add_argument(
         "--resume", action=argparse.BooleanOptionalAction, default=True,
@@ -46,13 +46,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
-def refuse_options(options: argparse.Namespace) -> None:
+def refuse_options(options: argparse.Namespace, *names: str) -> None:
     """For one scan: there is no table.
 
     Raises:
         NoResultError: If one is asked for.
     """
-    for name in ("csv", "jsonl", "scheduler"):
+    for name in names or ("csv", "jsonl", "scheduler"):
         if getattr(options, name, None) is not None:
             raise NoResultError(f"--{name}: is for a folder of scans; give --json for one")
 

@@ -31,7 +31,16 @@ def cluster(folder: Path, *, workers: int) -> Iterator[Cluster]:
     which = ["--scheduler-file", str(file), "--no-dashboard"]
     own = ["--host", "127.0.0.1", "--port", "0"]
     scheduler = subprocess.Popen([*start, "distributed.cli.dask_scheduler", *which, *own], env=env, **quiet)
-    worker = [*start, "distributed.cli.dask_worker", *which, "--nthreads", "1", "--no-nanny", "--local-directory", str(folder)]
+    worker = [
+        *start,
+        "distributed.cli.dask_worker",
+        *which,
+        "--nthreads",
+        "1",
+        "--no-nanny",
+        "--local-directory",
+        str(folder),
+    ]
     started = [subprocess.Popen(worker, env=env, **quiet) for _ in range(workers)]
     try:
         while not file.exists():
