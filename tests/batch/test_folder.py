@@ -1,6 +1,7 @@
 """Folders of scans: killed and finished as if nothing had been, done again where something has changed."""
 
 import csv
+import importlib
 import json
 import os
 import signal
@@ -10,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from cablejax.batch import columns_of
 from cablejax.cli import main
 from tests.batch import folders
 
@@ -197,3 +199,12 @@ def test_the_options_of_folders_are_refused_for_a_file(few, capsys):
         assert f"{option}: is for a folder of scans" in capsys.readouterr().err
     assert main(["info", str(few), "--unit", "mm", "--jobs", "-1"]) == 1
     assert "--jobs: expected at least 1, got -1" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", ["measure", "info", "denoise"])
+def test_every_column_is_documented(command):
+    module = importlib.import_module(f"cablejax.cli.{command}")
+    page = (folders.ROOT / "docs" / "batches.md").read_text(encoding="utf-8")
+    assert f"`cablejax {command}`, `{module.SCHEMA}`:" in page
+    for column in columns_of(module.COLUMNS):
+        assert f"| `{column.name}` | {column.kind} | {column.meaning} |" in page
