@@ -26,8 +26,22 @@ ALLOWED = {
     "io": {"types", "optional"},
     "report": {"types", "optional"},
     "batch": {"types", "io", "optional", "runtime"},
+    "export": {"types", "io", "measure", "report", "optional"},
     "tiles": {"types", "ops", "io", "batch"},
-    "cli": {"types", "ops", "registration", "measure", "simulate", "nets", "train", "io", "report", "tiles", "batch"}
+    "cli": {
+        "types",
+        "ops",
+        "registration",
+        "measure",
+        "simulate",
+        "nets",
+        "train",
+        "io",
+        "report",
+        "tiles",
+        "batch",
+        "export",
+    }
     | {"optional", "runtime", "jax_sums"},
 }
 HEAVY = (

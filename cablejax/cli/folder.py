@@ -24,7 +24,20 @@ if TYPE_CHECKING:
 
 FINAL = ("result", "no result")  # outcomes that another run would not change
 # What a result does not depend on.
-NEUTRAL = ("command", "scan", "json", "quiet", "csv", "jsonl", "jobs", "scheduler", "resume", "report", "output")
+NEUTRAL = (
+    "command",
+    "scan",
+    "json",
+    "quiet",
+    "csv",
+    "jsonl",
+    "jobs",
+    "scheduler",
+    "resume",
+    "report",
+    "output",
+    "export",
+)
 SHOWN = 50  # scans that a summary lists one by one
 WARNING = "cablejax: warning: "
 

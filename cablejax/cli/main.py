@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Sequence
 
 from cablejax import __version__
-from cablejax.cli import folder
+from cablejax.cli import exports, folder
 from cablejax.cli.errors import NoResultError
 from cablejax.cli.streams import put_out, settle_streams, tell
 from cablejax.jax_sums import WrongSumsError, check_sums
@@ -113,6 +113,7 @@ def _measure_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--scale-std", type=float, default=0.0, metavar="RATIO", help="of the scanner's scale, 1e-4 say"
     )
+    exports.add_arguments(parser)
     parser.add_argument("--maker-std", type=float, default=0.0, metavar="MM", help="of makers' diameters about nominal")
     parser.add_argument("--seed", type=int, default=0, help="of the random samples in the search (default: 0)")
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from cablejax.batch.table import Column
-from cablejax.cli import folder, known
+from cablejax.cli import exports, folder, known, standards
 from cablejax.cli.checkpoint import parts_of
 from cablejax.cli.errors import NoResultError
 from cablejax.cli.scans import check_output, load, make_folder, rows, save_bytes, say
@@ -26,6 +26,7 @@ COLUMNS = (
     Column("arc_deg", "number", "circumference seen"),
     Column("noise_mm", "number", "standard deviation of the points about the surface"),
     Column("points", "whole", "points that the diameter rests on"),
+    Column("reading_mm", "number", "reading after IEC 60811-203; of two, their mean"),
     Column("verdict", "text", "nominal size, with `--catalogue`"),
     Column("conformity", "text", "`pass`, `fail` or `undecided`, with `--tolerance`"),
 )
@@ -34,19 +35,28 @@ COLUMNS = (
 def run(options: argparse.Namespace) -> dict[str, Any]:
     """Measure a scan, or every scan of a folder."""
     if Path(options.scan).is_dir() and options.command == "measure":
-        reports = options.report
-        if reports is None:
-            return folder.run_folder(options)
-        require("jinja2", "plotly", "matplotlib", why="a report")
-        return folder.run_folder(options, {"report": lambda scan: Path(reports) / f"{scan.name}.html"})
+        return folder.run_folder(options, _places(options))
     folder.refuse_options(options)
     return one(options)
+
+
+def _places(options: argparse.Namespace) -> folder.Places:
+    """Where the report and the exports of each scan go."""
+    places = {}
+    if (reports := options.report) is not None:
+        require("jinja2", "plotly", "matplotlib", why="a report")
+        places["report"] = lambda scan: Path(reports) / f"{scan.name}.html"
+    if (exported := options.export) is not None:
+        exports.check(options)
+        places["export"] = lambda scan: Path(exported) / scan.name
+    return places
 
 
 def rows_of(result: dict[str, Any]) -> list[dict[str, Any]]:
     """The row of the cable in a folder's table."""
     low, high = result["interval_mm"]
     same = {column.name: result.get(column.name) for column in COLUMNS}
+    same["reading_mm"] = result["readings"]["mean_mm"]
     return [{**same, "low_mm": low, "high_mm": high, "warnings": " ".join(result.get("warnings", ()))}]
 
 
@@ -60,6 +70,7 @@ def one(options: argparse.Namespace) -> dict[str, Any]:
         require("jinja2", "plotly", "matplotlib", why="a report")
         make_folder(Path(options.report).parent)
         check_output(options.report, (".html", ".htm"))
+    exports.check(options)
     sizes, settings = known.sizes(options.catalogue), known.settings(options)
     scan = load(options, options.scan)
     part = parts_of(options, scan)
@@ -82,6 +93,8 @@ def one(options: argparse.Namespace) -> dict[str, Any]:
             parts=parts,
         )
         _save_report(options, html)
+    read, section_sizes = standards.read_and_sized(result, options.tolerance)
+    exported = exports.write(options, scan, result, read, section_sizes)
     judged = None
     if options.tolerance is not None:
         low, high = options.tolerance
@@ -91,9 +104,11 @@ def one(options: argparse.Namespace) -> dict[str, Any]:
         "file_unit": scan.unit,
         "dropped": scan.dropped,
         **result.to_dict(),
+        **standards.as_json(read, section_sizes),
         "parts": parts,
         "tolerance_mm": options.tolerance,
         "conformity": judged,
+        "exported": exported,
     }
 
 
@@ -120,7 +135,7 @@ def table(result: dict[str, Any]) -> str:
     if r["bend_radius_mm"] is not None:
         bend = f"{r['bend_radius_mm']:.0f} mm{_interval(r['bend_interval_mm'], '.0f')}"
         bend += f", {r['bend_radius_mm'] / r['diameter_mm']:.1f} diameters"
-    pairs = [("diameter", f"{r['diameter_mm']:.3f} mm{_interval(r['interval_mm'])}")]
+    pairs = [("diameter", f"{r['diameter_mm']:.3f} mm{_interval(r['interval_mm'])}"), *standards.lines(r)]
     if r["ovality"] is not None:
         across = f"{r['minimum_mm']:.3f} mm by {r['maximum_mm']:.3f} mm"
         pairs.append(("ovality", f"{100 * r['ovality']:.2f} % +- {196 * r['ovality_std']:.2f} %, {across}"))

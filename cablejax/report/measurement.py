@@ -91,7 +91,7 @@ def measurement_page(
     page.section("Along the cable")
     with figure_style():
         page.figure(
-            _profile(measured),
+            profile_figure(measured),
             alt="Diameter of each section along the cable with its 95 % interval.",
             caption="Circles fitted to slabs along the axis, each with its 95 % interval; the band is the overall diameter's. "
             "Triangles are the least and greatest diameter of each slab, where enough of it was seen. "
@@ -103,7 +103,7 @@ def measurement_page(
             caption="The surface unrolled. Colour is the distance from the fitted surface, positive outside.",
         )
         page.figure(
-            _section(measured, magnify),
+            section_figure(measured, magnify),
             alt="All points of the cable in the plane across its axis, with the fitted circle.",
             caption="All points of the cable seen along its axis, the fitted circle"
             + ("" if measured.free_section is None else ", dashed the free-form section")
@@ -178,7 +178,8 @@ def _figure(width: float, height: float) -> "Figure":
     return Figure(figsize=(width, height))
 
 
-def _profile(m: Measured) -> "Figure":
+def profile_figure(m: Measured) -> "Figure":
+    """Diameters of the sections along the cable, with the overall one."""
     figure = _figure(6.6, 3.0)
     ax = figure.subplots()
     s, d, std = (np.asarray(a, dtype=float) for a in (m.sections.s_mm, m.sections.diameter_mm, m.sections.std_mm))
@@ -222,7 +223,8 @@ def _magnification(m: Measured) -> float:
     return max([step for step in steps if step <= most], default=1.0)
 
 
-def _section(m: Measured, magnify: float) -> "Figure":
+def section_figure(m: Measured, magnify: float) -> "Figure":
+    """The points of the cable seen along its axis, their deviations magnified, with the fitted circle."""
     figure = _figure(6.6, 5.2)
     ax = figure.subplots()
     on = np.asarray(m.keep)
