@@ -25,19 +25,9 @@ if TYPE_CHECKING:
 FINAL = ("result", "no result")  # outcomes that another run would not change
 # What a result does not depend on.
 NEUTRAL = (
-    "command",
-    "scan",
-    "json",
-    "quiet",
-    "csv",
-    "jsonl",
-    "jobs",
-    "scheduler",
-    "resume",
-    "report",
-    "output",
-    "export",
-)
+    "command", "scan", "json", "quiet", "csv", "jsonl", "jobs", "scheduler", "resume", "report", "output", "export",
+    "plan", "pattern", "chart",
+)  # fmt: skip
 SHOWN = 50  # scans that a summary lists one by one
 WARNING = "cablejax: warning: "
 

@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Sequence
 
 from cablejax import __version__
-from cablejax.cli import exports, folder
+from cablejax.cli import exports, folder, gage
 from cablejax.cli.errors import NoResultError
 from cablejax.cli.streams import put_out, settle_streams, tell
 from cablejax.jax_sums import WrongSumsError, check_sums
@@ -66,6 +66,7 @@ def _measure(sub: argparse._SubParsersAction) -> None:
         "--report", metavar="FILE.html", help="write a self-contained report; a folder for a folder of scans"
     )
     _measure_options(parser)
+    exports.add_arguments(parser)
     folder.add_arguments(parser)
 
 
@@ -73,7 +74,19 @@ def _report(sub: argparse._SubParsersAction) -> None:
     parser = sub.add_parser("report", help="measure a scan and write its self-contained HTML report")
     _scan_arguments(parser)
     parser.add_argument("report", metavar="report.html", help="file to write")
+    exports.add_arguments(parser)
     _measure_options(parser)
+
+
+def _gage(sub: argparse._SubParsersAction) -> None:
+    parser = sub.add_parser(
+        "gage", help="how well repeated scans agree: repeatability and reproducibility after AIAG MSA"
+    )
+    gage.add_arguments(parser)
+    parser.add_argument("--unit", choices=UNITS, help="unit of the files' coordinates")
+    _columns(parser)
+    _measure_options(parser)
+    folder.add_arguments(parser)
 
 
 def _classify(sub: argparse._SubParsersAction) -> None:
@@ -113,7 +126,6 @@ def _measure_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--scale-std", type=float, default=0.0, metavar="RATIO", help="of the scanner's scale, 1e-4 say"
     )
-    exports.add_arguments(parser)
     parser.add_argument("--maker-std", type=float, default=0.0, metavar="MM", help="of makers' diameters about nominal")
     parser.add_argument("--seed", type=int, default=0, help="of the random samples in the search (default: 0)")
 
@@ -198,6 +210,7 @@ COMMANDS = {
     "report": _report,
     "denoise": _denoise,
     "register": _register,
+    "gage": _gage,
     "classify": _classify,
     "simulate": _simulate,
     "completion": _completion,
