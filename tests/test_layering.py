@@ -26,8 +26,23 @@ ALLOWED = {
     "train": {"types", "ops", "registration", "measure", "simulate", "nets", "io"},
     "io": {"types", "optional"},
     "report": {"types", "optional"},
-    "tiles": {"types", "ops", "io"},
-    "cli": {"types", "ops", "registration", "measure", "simulate", "nets", "train", "io", "report", "tiles"}
+    "batch": {"types", "io", "optional", "runtime"},
+    "export": {"types", "io", "measure", "report", "optional"},
+    "tiles": {"types", "ops", "io", "batch"},
+    "cli": {
+        "types",
+        "ops",
+        "registration",
+        "measure",
+        "simulate",
+        "nets",
+        "train",
+        "io",
+        "report",
+        "tiles",
+        "batch",
+        "export",
+    }
     | {"optional", "runtime", "jax_sums"},
 }
 HEAVY = (

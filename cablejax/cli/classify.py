@@ -4,7 +4,7 @@ import argparse
 from typing import TYPE_CHECKING, Any
 
 from cablejax.cli.checkpoint import read_run, restored
-from cablejax.cli.main import NoResultError
+from cablejax.cli.errors import NoResultError
 from cablejax.cli.scans import load, rows, say
 
 if TYPE_CHECKING:

@@ -4,7 +4,7 @@ import argparse
 from dataclasses import fields
 from typing import TYPE_CHECKING
 
-from cablejax.cli.main import NoResultError
+from cablejax.cli.errors import NoResultError
 
 if TYPE_CHECKING:
     from cablejax.measure import Instrument, MeasureSettings, SearchLimits

@@ -8,13 +8,17 @@ from typing import Any
 
 from cablejax.cli import known
 from cablejax.cli.checkpoint import parts_of
-from cablejax.cli.main import NoResultError
+from cablejax.cli.errors import NoResultError
 from cablejax.cli.scans import check_output, load, make_folder, rows, save_bytes, say
 from cablejax.optional import require
 
 COLUMNS: tuple[str, ...] = (
     "file", "number", "diameter_mm", "low_mm", "high_mm", "std_mm", "ovality", "length_mm", "bend_radius_mm", "arc_deg",
     "noise_mm", "points", "x_mm", "y_mm", "z_mm", "verdict", "conformity", "reason",
+)  # fmt: skip
+ROW: tuple[str, ...] = (
+    "diameter_mm", "std_mm", "ovality", "length_mm", "bend_radius_mm", "arc_deg", "noise_mm", "points", "verdict",
+    "conformity",
 )  # fmt: skip
 
 
@@ -52,8 +56,8 @@ def _check(options: argparse.Namespace) -> None:
     Raises:
         NoResultError: Naming the option.
     """
-    if Path(options.scan).is_dir():
-        raise NoResultError("--all: is for one scan, not for a folder")
+    if options.export is not None:
+        raise NoResultError("--export: is for one cable; give --near, --axis or --box to say which, without --all")
     if options.expect is not None and options.expect < 1:
         raise NoResultError(f"--expect: expected at least 1, got {options.expect}")
     if options.tolerance is not None and not options.tolerance[0] < options.tolerance[1]:
@@ -80,6 +84,17 @@ def _draw(options: argparse.Namespace, scene: Any, xyz_mm: Any) -> None:
         page = cables_page(scene, title=Path(options.scan).name, source=str(options.scan), xyz_mm=xyz_mm)
         save_bytes(options.report, page.encode(errors="backslashreplace"))
         say(options, f"report: {options.report}")
+
+
+def rows_of(result: dict[str, Any]) -> list[dict[str, Any]]:
+    """The rows of the cables in a folder's table."""
+    found = []
+    for one in result["cables"]:
+        low, high = one["interval_mm"]
+        same = {name: one.get(name) for name in ROW}
+        told = " ".join(one.get("warnings", ()))
+        found.append({**same, "low_mm": low, "high_mm": high, **_middle(one), "warnings": told})
+    return found
 
 
 def _csv(result: dict[str, Any]) -> str:

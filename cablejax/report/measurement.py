@@ -103,7 +103,7 @@ def measurement_page(
             caption="The surface unrolled. Colour is the distance from the fitted surface, positive outside.",
         )
         page.figure(
-            _section(measured, magnify),
+            section_figure(measured, magnify),
             alt="All points of the cable in the plane across its axis, with the fitted circle.",
             caption="All points of the cable seen along its axis, the fitted circle"
             + ("" if measured.free_section is None else ", dashed the free-form section")
@@ -230,7 +230,8 @@ def _magnification(m: Measured) -> float:
     return max([step for step in steps if step <= most], default=1.0)
 
 
-def _section(m: Measured, magnify: float) -> "Figure":
+def section_figure(m: Measured, magnify: float) -> "Figure":
+    """The points of the cable seen along its axis, their deviations magnified, with the fitted circle."""
     figure = _figure(6.6, 5.2)
     ax = figure.subplots()
     on = np.asarray(m.keep)
