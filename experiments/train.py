@@ -95,7 +95,10 @@ def training_config(cfg: Config) -> TrainConfig:
 
 def initial_model(cfg: Config, classes: int) -> nnx.Module:
     """The network with fresh weights, or with `training.init_from` those of another run where they fit."""
-    model = build_model(cfg.model.name, classes, rngs=nnx.Rngs(cfg.seed), **cfg.model.options)
+    options = dict(cfg.model.options)
+    if cfg.model.name == "adgcnn_fit":  # it compares its fit with what the sizes measure
+        options["diameters_mm"] = clouds_of(cfg.dataset, 1).diameters_mm
+    model = build_model(cfg.model.name, classes, rngs=nnx.Rngs(cfg.seed), **options)
     if cfg.training.init_from is None:
         return model
     started = initialise_from(model, cfg.training.init_from)

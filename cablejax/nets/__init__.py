@@ -1,6 +1,7 @@
 """Networks in Flax NNX: ADGCNN and what it is compared with tell a cable's size, another labels a scan's points by part."""
 
 from cablejax.nets.adgcnn import ADGCNN
+from cablejax.nets.adgcnn_fit import ADGCNNFit, FitEstimate
 from cablejax.nets.aedgeconv import AEdgeConv, ChannelAttention
 from cablejax.nets.baselines import DGCNN, VGG16, AlexNet, PointNet, PointNet2, ResNet50
 from cablejax.nets.depth import depth_image
@@ -18,12 +19,14 @@ __all__ = [
     "DGCNN",
     "MODELS",
     "VGG16",
+    "ADGCNNFit",
     "AEdgeConv",
     "AlexNet",
     "BatchNorm",
     "ChannelAttention",
     "FeatureEnhancement",
     "FeatureFusion",
+    "FitEstimate",
     "PartLabels",
     "PartNetwork",
     "PointNet",

@@ -20,6 +20,7 @@ from cablejax.ops.moments import LocalMoments, local_moments, masked_covariance,
 from cablejax.ops.neighbors import KnnResult, RadiusResult, knn, knn_features, radius_count, radius_search
 from cablejax.ops.outliers import OutlierResult, median_outliers, radius_outliers, statistical_outliers
 from cablejax.ops.raster import cylinder_raster, raster_taps, sample_raster
+from cablejax.ops.weighted_cylinder import WeightedCylinder, weighted_cylinder
 from cablejax.ops.rigid import invert, kabsch, se3_exp, se3_log, transform
 
 __all__ = [
@@ -32,6 +33,7 @@ __all__ = [
     "OutlierResult",
     "RadiusResult",
     "Trial",
+    "WeightedCylinder",
     "adaptive_filter",
     "channel_attention",
     "choose_alpha",
@@ -64,5 +66,6 @@ __all__ = [
     "statistical_outliers",
     "transform",
     "usual_noise",
+    "weighted_cylinder",
     "width_trial",
 ]
