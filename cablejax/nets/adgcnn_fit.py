@@ -117,7 +117,7 @@ class ADGCNNFit(nnx.Module):
             jnp.tanh((diameter - 2.0 * RADIUS_MM) / (4.0 * RADIUS_SPREAD_MM)),
             jnp.log(std),
             jnp.log(fit.noise + 1e-3),
-            fit.count / jnp.maximum(jnp.sum(mask, axis=1), 1),
+            fit.points / jnp.maximum(jnp.sum(mask, axis=1), 1),
             fit.length / (2.0 * self.scale_mm),
             4.0 * fit.mean_direction - 3.0,
         ]

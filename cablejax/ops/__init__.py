@@ -20,8 +20,8 @@ from cablejax.ops.moments import LocalMoments, local_moments, masked_covariance,
 from cablejax.ops.neighbors import KnnResult, RadiusResult, knn, knn_features, radius_count, radius_search
 from cablejax.ops.outliers import OutlierResult, median_outliers, radius_outliers, statistical_outliers
 from cablejax.ops.raster import cylinder_raster, raster_taps, sample_raster
-from cablejax.ops.weighted_cylinder import WeightedCylinder, weighted_cylinder
 from cablejax.ops.rigid import invert, kabsch, se3_exp, se3_log, transform
+from cablejax.ops.weighted_cylinder import WeightedCylinder, weighted_cylinder
 
 __all__ = [
     "AttentionWeights",

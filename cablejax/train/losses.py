@@ -4,6 +4,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Shaped
 
+SCORE_WEIGHT = 4.0  # of the points' loss beside that of the sizes
+
 
 def cross_entropy(
     logits: Float[Array, "*b classes"], labels: Int[Array, "*b"], *, label_smoothing: float = 0.0
@@ -38,6 +40,8 @@ def score_loss(
     scores: Float[Array, "b n"], on_cable: Bool[Array, "b n"], mask: Bool[Array, "b n"]
 ) -> Float[Array, " b"]:
     """Cross-entropy of the points' scores against what they are, in nats, the mean over each cloud's valid points `[b]`.
+
+    Training counts it `SCORE_WEIGHT` times: until the points are known, what the sizes say of them is noise.
 
     Args:
         scores: Logits to be the cable's `[b, n]`.

@@ -10,7 +10,7 @@ from flax import nnx
 from jaxtyping import Array, Float, Int, Num
 
 from cablejax.train.config import MATMUL_PRECISION, TrainConfig
-from cablejax.train.losses import cloud_mean, cross_entropy, gaussian_nll, score_loss
+from cablejax.train.losses import SCORE_WEIGHT, cloud_mean, cross_entropy, gaussian_nll, score_loss
 from cablejax.train.metrics import also_learnt
 from cablejax.train.transfer import frozen_updates
 
@@ -96,7 +96,7 @@ def make_runner(
             logits, off = model(xyz, mask), 0.0
         elif also == "on_cable":
             logits, _, _, scores = model.estimate(xyz, mask)
-            off = jnp.mean(score_loss(scores, learnt, mask))
+            off = SCORE_WEIGHT * jnp.mean(score_loss(scores, learnt, mask))
         else:
             logits, mean, std = model.with_diameter(xyz, mask)
             off = jnp.mean(gaussian_nll(mean, std, learnt))

@@ -1,0 +1,278 @@
+"""What finding the cable first is worth: sizes by a cylinder fit to all points, to those kept, to the true ones, and adgcnn_fit.
+
+    python -m experiments.train -m experiment=hard_adgcnn_fit
+    python -m experiments.train -m experiment=hard1024_adgcnn_fit
+    python -m experiments.train -m experiment=other_adgcnn_fit
+    python -m experiments.rejection [--runs runs] [--out results]
+
+Every finished run of these is loaded and tested once on its test clouds; a table is printed and kept in
+`<out>/rejection.json`.
+"""
+
+import argparse
+import sys
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from flax import nnx
+from jaxtyping import Float
+
+from cablejax.io import provenance, write_json
+from cablejax.nets import FitEstimate
+from cablejax.ops import weighted_cylinder
+from cablejax.simulate import Split
+from cablejax.train import initialise_from
+from experiments import ROOT
+from experiments.baseline import fitted_diameters, nearest_size
+from experiments.collect import CollectError, flatten, read_records
+from experiments.display.table import Table
+from experiments.revision import code_revision, is_clean
+from experiments.schema import Config, from_flat
+from experiments.statistics import estimate
+from experiments.train import clouds_of, held_out, initial_model
+
+EXPERIMENTS = ("hard_adgcnn_fit", "hard1024_adgcnn_fit", "other_adgcnn_fit")
+BATCH = 32
+ARCS_DEG = (0, 80, 100, 120, 180, 360)
+CERTAIN = (0.85, 0.95)  # "called with 90 % certainty"
+
+
+def estimates(model: nnx.Module, split: Split) -> FitEstimate:
+    """What a network says of every cloud, in NumPy."""
+    graphdef, state = nnx.split(model)
+
+    @jax.jit
+    def ask(xyz: jax.Array, mask: jax.Array) -> FitEstimate:
+        return nnx.merge(graphdef, state, copy=True).estimate(xyz, mask)
+
+    total = len(split.label)
+    rows = np.minimum(np.arange(-(-total // BATCH) * BATCH), total - 1).reshape(-1, BATCH)
+    xyz, mask = np.asarray(split.xyz), np.asarray(split.mask)
+    said = [jax.device_get(ask(xyz[each], mask[each])) for each in rows]
+    return FitEstimate(*(np.concatenate(each)[:total] for each in zip(*said, strict=True)))
+
+
+def sizes_told(predicted: np.ndarray, label: np.ndarray) -> dict[str, float]:
+    """Shares of clouds whose size is told rightly, and to within one size; a cloud without a fit is wrong."""
+    off = np.abs(predicted - label)
+    return {"accuracy": float(np.mean(off == 0)), "within_one": float(np.mean(off <= 1))}
+
+
+def by_fit(split: Split, mask: np.ndarray, nominal: tuple[float, ...]) -> dict[str, float]:
+    """The robust cylinder fit to the points of `mask` and the nearest nominal size."""
+    fitted = fitted_diameters(split._replace(mask=jnp.asarray(mask)))
+    error = np.abs(fitted - np.asarray(split.diameter_mm))
+    label = np.asarray(split.label)
+    predicted = np.where(fitted > 0, nearest_size(fitted, nominal), -9)
+    return {**sizes_told(predicted, label), "median_error_mm": float(np.median(error))}
+
+
+def most_likely(split: Split, nominal: tuple[float, ...], noise_mm: np.ndarray) -> np.ndarray:
+    """The likeliest size of each cloud `[N]` by its true points, the axis fitted anew for each size.
+
+    Residuals are taken for independent and normal, with the standard deviation that the free fit leaves.
+    """
+
+    @jax.jit
+    def misfit(cloud: tuple[jax.Array, jax.Array, jax.Array]) -> jax.Array:
+        xyz, weight, noise = cloud
+        sized = [weighted_cylinder(xyz, weight, radius=0.5 * d).residual for d in nominal]
+        return jnp.stack([jnp.sum(weight * jnp.minimum((r / noise) ** 2, 9.0)) for r in sized])
+
+    weight = jnp.asarray(split.on_cable, jnp.float32)
+    chance = jax.lax.map(misfit, (jnp.asarray(split.xyz), weight, jnp.asarray(noise_mm)))
+    return np.asarray(jnp.argmin(chance, axis=1))
+
+
+def arcs_deg(split: Split) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Arc that the true points cover, degrees, and their noise in mm `[N]`, by the fit to them.
+
+    An even arc a has unit vectors whose mean is sin(a/2) / (a/2) long.
+    """
+
+    @jax.jit
+    def lies(cloud: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
+        fit = weighted_cylinder(*cloud)
+        return fit.mean_direction, fit.noise
+
+    weight = jnp.asarray(split.on_cable, jnp.float32)
+    mean, noise = (np.asarray(each) for each in jax.lax.map(lies, (jnp.asarray(split.xyz), weight)))
+    arc = np.linspace(1e-3, 2 * np.pi, 2000)
+    shorter = np.sin(arc / 2) / (arc / 2)
+    return np.degrees(np.interp(-mean, -shorter, arc)), noise
+
+
+def reliability(logits: np.ndarray, label: np.ndarray) -> dict[str, Any]:
+    """How right a network is where it is how sure: ten bins of its highest probability, and the clouds called with 90 %."""
+    chance = np.asarray(jax.nn.softmax(logits, axis=1))
+    sure, right = chance.max(axis=1), chance.argmax(axis=1) == label
+    place = np.minimum((10 * sure).astype(int), 9)
+    bins = [
+        {
+            "sure": float(sure[place == i].mean()),
+            "right": float(right[place == i].mean()),
+            "clouds": int((place == i).sum()),
+        }
+        for i in range(10)
+        if (place == i).any()
+    ]
+    ninety = (sure >= CERTAIN[0]) & (sure < CERTAIN[1])
+    return {
+        "bins": bins,
+        "expected_calibration_error": sum(b["clouds"] * abs(b["sure"] - b["right"]) for b in bins) / len(label),
+        "called_90": int(ninety.sum()),
+        "called_90_right": int(right[ninety].sum()),
+    }
+
+
+def tested(cfg: Config, folder: Path) -> dict[str, Any]:
+    """One run on its test clouds."""
+    model = initialise_from(initial_model(cfg, len(cfg.dataset.sizes_mm2)), folder).model
+    model.eval()
+    split, nominal = held_out(cfg, "test"), clouds_of(cfg.dataset, 1).diameters_mm
+    label, said = np.asarray(split.label), estimates(model, split)
+    kept = (said.scores > 0) & np.asarray(split.mask)
+    truth = np.asarray(split.on_cable)
+    right = np.argmax(said.logits, axis=1) == label
+    arc, noise = arcs_deg(split)
+    likely = most_likely(split, nominal, noise)
+    place = np.digitize(arc, ARCS_DEG) - 1
+    return {
+        "clouds": len(label),
+        "all": by_fit(split, np.asarray(split.mask), nominal),
+        "kept": by_fit(split, kept, nominal),
+        "true": by_fit(split, truth, nominal),
+        "adgcnn_fit": {
+            **sizes_told(np.argmax(said.logits, axis=1), label),
+            "median_error_mm": float(np.median(np.abs(said.diameter_mm - np.asarray(split.diameter_mm)))),
+        },
+        "likelihood": sizes_told(likely, label),
+        "iou_cable": float((kept & truth).sum() / (kept | truth).sum()),
+        "reliability": reliability(said.logits, label),
+        "by_arc": [
+            {
+                "from_deg": ARCS_DEG[i],
+                "to_deg": ARCS_DEG[i + 1],
+                "clouds": int((place == i).sum()),
+                "adgcnn_fit": float(right[place == i].mean()),
+                "likelihood": float((likely == label)[place == i].mean()),
+            }
+            for i in range(len(ARCS_DEG) - 1)
+            if (place == i).any()
+        ],
+    }
+
+
+def run(runs: Path, out: Path, *, size: str, allow_dirty: bool = False) -> dict[str, Any]:
+    """Test every finished run and write `<out>/rejection.json`.
+
+    Raises:
+        CollectError: If there is no run, runs come from several revisions, or code was not committed.
+    """
+    rows, trained = [], {}
+    for name in EXPERIMENTS:
+        if not (runs / name / size).is_dir():
+            print(f"{name}: no runs, left out", file=sys.stderr)
+            continue
+        for record, folder in read_runs(runs / name / size):
+            if not allow_dirty and not is_clean(record["code_revision"]):
+                raise CollectError(
+                    f"{name}: made by uncommitted code ({record['code_revision']}); commit and run again"
+                )
+            cfg = from_flat(flatten(record["config"]))
+            trained[name] = record["code_revision"]
+            cell = {"dataset": cfg.dataset.version, "n_points": cfg.dataset.n_points, "seed": cfg.seed}
+            print(f"{name}: {cell}", file=sys.stderr, flush=True)
+            rows.append(
+                {**cell, "experiment": name, "train_seconds": record["metrics"]["train_seconds"]} | tested(cfg, folder)
+            )
+    if not rows:
+        raise CollectError(f"no finished run of {', '.join(EXPERIMENTS)} in {runs}")
+    result = {
+        "experiment": "rejection",
+        "size": size,
+        "code_revision": code_revision(),
+        "trained_by": trained,
+        "seeds": sorted({row["seed"] for row in rows}),
+        "provenance": {k: v for k, v in provenance(seeds=[]).items() if k not in ("seeds", "git")},
+        "runs": rows,
+    }
+    out.mkdir(parents=True, exist_ok=True)
+    write_json(out / "rejection.json", result)
+    return result
+
+
+def read_runs(folder: Path) -> list[tuple[dict[str, Any], Path]]:
+    """Finished runs below a folder, each with its own folder."""
+    paths = sorted(path.parent for path in folder.glob("*/run.json"))
+    return list(zip(read_records(folder), paths, strict=True))
+
+
+def table(result: dict[str, Any]) -> Table:
+    """The table of the four ways, a row a dataset and number of points; means over seeds."""
+    cells = defaultdict(list)
+    for row in result["runs"]:
+        cells[row["dataset"], row["n_points"]].append(row)
+    rows = []
+    for (dataset, n_points), found in sorted(cells.items()):
+        called, right = (sum(row["reliability"][key] for row in found) for key in ("called_90", "called_90_right"))
+        rows.append(
+            [
+                dataset,
+                f"{n_points:,}",
+                f"{found[0]['all']['accuracy']:.3f}",
+                estimate([row["kept"]["accuracy"] for row in found]).format(3),
+                f"{found[0]['true']['accuracy']:.3f}",
+                f"{found[0]['likelihood']['accuracy']:.3f}",
+                estimate([row["adgcnn_fit"]["accuracy"] for row in found]).format(3),
+                f"{np.mean([row['adgcnn_fit']['median_error_mm'] for row in found]):.3f}",
+                f"{100 * np.mean([row['iou_cable'] for row in found]):.1f}",
+                f"{right} of {called}" if called else "none",
+            ]
+        )
+    seeds = len(result["seeds"])
+    clouds = result["runs"][0]["clouds"]
+    return Table(
+        "Finding the cable first",
+        [
+            "Clouds",
+            "points",
+            "all",
+            "kept",
+            "true",
+            "likeliest",
+            "adgcnn_fit",
+            "error (mm)",
+            "IoU (%)",
+            "right at 90 %",
+        ],
+        rows,
+        f"Share of {clouds} test clouds of 13 sizes whose size is told rightly: by a robust cylinder fit to all points, to those "
+        "that the network keeps, to those that truly are the cable's; by the likelihood of the sizes on the true points; by "
+        f"adgcnn_fit, with the median error of its diameter. {seeds} seeds, mean and 95 % interval. Last, the cable's "
+        "intersection over union, and how many of the clouds that the network calls with 85 to 95 % certainty it calls rightly.",
+        [("", 2), ("cylinder fit to points", 3), ("", 1), ("network", 4)],
+    )
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(prog="python -m experiments.rejection", description="Test the runs of adgcnn_fit.")
+    parser.add_argument("--size", default="quick", choices=("smoke", "quick", "paper"))
+    parser.add_argument("--runs", type=Path, default=ROOT / "runs")
+    parser.add_argument("--out", type=Path, default=ROOT / "results")
+    parser.add_argument("--allow-dirty", action="store_true", help="also take runs of uncommitted code")
+    options = parser.parse_args()
+    try:
+        print(table(run(options.runs, options.out, size=options.size, allow_dirty=options.allow_dirty)).to_text())
+    except CollectError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(1)
+
+
+if __name__ == "__main__":
+    main()
