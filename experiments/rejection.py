@@ -22,7 +22,7 @@ from flax import nnx
 from jaxtyping import Float
 
 from cablejax.io import provenance, write_json
-from cablejax.nets import FitEstimate
+from cablejax.nets import ADGCNNFit, FitEstimate
 from cablejax.ops import weighted_cylinder
 from cablejax.simulate import Split
 from cablejax.train import initialise_from
@@ -41,8 +41,8 @@ ARCS_DEG = (0, 80, 100, 120, 180, 360)
 CERTAIN = (0.85, 0.95)  # "called with 90 % certainty"
 
 
-def estimates(model: nnx.Module, split: Split) -> FitEstimate:
-    """What a network says of every cloud, in NumPy."""
+def estimates(model: ADGCNNFit, split: Split) -> FitEstimate:
+    """What a network says of every cloud, a batch at a time."""
     graphdef, state = nnx.split(model)
 
     @jax.jit
@@ -53,7 +53,7 @@ def estimates(model: nnx.Module, split: Split) -> FitEstimate:
     rows = np.minimum(np.arange(-(-total // BATCH) * BATCH), total - 1).reshape(-1, BATCH)
     xyz, mask = np.asarray(split.xyz), np.asarray(split.mask)
     said = [jax.device_get(ask(xyz[each], mask[each])) for each in rows]
-    return FitEstimate(*(np.concatenate(each)[:total] for each in zip(*said, strict=True)))
+    return FitEstimate(*(jnp.asarray(np.concatenate(each)[:total]) for each in zip(*said, strict=True)))
 
 
 def sizes_told(predicted: np.ndarray, label: np.ndarray) -> dict[str, float]:
@@ -132,12 +132,13 @@ def reliability(logits: np.ndarray, label: np.ndarray) -> dict[str, Any]:
 def tested(cfg: Config, folder: Path) -> dict[str, Any]:
     """One run on its test clouds."""
     model = initialise_from(initial_model(cfg, len(cfg.dataset.sizes_mm2)), folder).model
+    assert isinstance(model, ADGCNNFit)
     model.eval()
     split, nominal = held_out(cfg, "test"), clouds_of(cfg.dataset, 1).diameters_mm
     label, said = np.asarray(split.label), estimates(model, split)
-    kept = (said.scores > 0) & np.asarray(split.mask)
+    kept, logits = (np.asarray(said.scores) > 0) & np.asarray(split.mask), np.asarray(said.logits)
     truth = np.asarray(split.on_cable)
-    right = np.argmax(said.logits, axis=1) == label
+    right = np.argmax(logits, axis=1) == label
     arc, noise = arcs_deg(split)
     likely = most_likely(split, nominal, noise)
     place = np.digitize(arc, ARCS_DEG) - 1
@@ -147,12 +148,12 @@ def tested(cfg: Config, folder: Path) -> dict[str, Any]:
         "kept": by_fit(split, kept, nominal),
         "true": by_fit(split, truth, nominal),
         "adgcnn_fit": {
-            **sizes_told(np.argmax(said.logits, axis=1), label),
+            **sizes_told(np.argmax(logits, axis=1), label),
             "median_error_mm": float(np.median(np.abs(said.diameter_mm - np.asarray(split.diameter_mm)))),
         },
         "likelihood": sizes_told(likely, label),
         "iou_cable": float((kept & truth).sum() / (kept | truth).sum()),
-        "reliability": reliability(said.logits, label),
+        "reliability": reliability(logits, label),
         "by_arc": [
             {
                 "from_deg": ARCS_DEG[i],

@@ -13,6 +13,7 @@ from cablejax.nets.models import MODELS, build_model, count_parameters
 from cablejax.nets.norm import BatchNorm
 from cablejax.nets.parts import PartNetwork
 from cablejax.nets.pose import pose_clouds
+from cablejax.nets.pretrained import Pretrained, WeightsError, load_pretrained, pretrained_names
 
 __all__ = [
     "ADGCNN",
@@ -31,11 +32,15 @@ __all__ = [
     "PartNetwork",
     "PointNet",
     "PointNet2",
+    "Pretrained",
     "ResNet50",
     "SizeEstimate",
+    "WeightsError",
     "build_model",
     "count_parameters",
     "depth_image",
     "label_parts",
+    "load_pretrained",
     "pose_clouds",
+    "pretrained_names",
 ]
