@@ -114,7 +114,7 @@ def publish(name: str, folder: Path, *, weights: Path = WEIGHTS, golden: Path = 
         "seeds": _seeds(record, folder),
         "limits": this.limits,
         "data": "made by the simulator of this package; nothing of another maker",
-        "command": " ".join(["python -m", this.module, *_given(cfg, folder)]),
+        "command": f"python -m {this.module} experiment={cfg.name} size={cfg.size} seed={cfg.seed}",
         "code_revision": record["code_revision"],
         "licence": LICENCE,
         "bytes": len(data),
@@ -177,13 +177,6 @@ def _seeds(record: dict[str, Any], folder: Path) -> dict[str, float]:
     found = [_record(path.parent) for path in folder.parent.glob(f"*/{RECORD}")]
     alike = [one for one in found if {**one["config"], "seed": 0} == {**record["config"], "seed": 0}]
     return {str(one["seed"]): one["metrics"]["test_overall"] for one in sorted(alike, key=lambda one: one["seed"])}
-
-
-def _given(cfg: Config, folder: Path) -> list[str]:
-    """The words of the command that differ from the experiment's own: those in the folder's name, and the seed."""
-    label = folder.name.rpartition("-")[0]
-    rest = [word for word in label.split(",") if word and not word.startswith("seed=")]
-    return [f"experiment={cfg.name}", *rest, f"seed={cfg.seed}"]
 
 
 def _archive(arrays: dict[str, np.ndarray]) -> bytes:

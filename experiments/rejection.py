@@ -11,7 +11,6 @@ Every finished run of these is loaded and tested once on its test clouds; a tabl
 
 import argparse
 import sys
-from collections import defaultdict
 from pathlib import Path
 from typing import Any
 
@@ -29,10 +28,10 @@ from cablejax.train import initialise_from
 from experiments import ROOT
 from experiments.baseline import fitted_diameters, nearest_size
 from experiments.collect import CollectError, flatten, read_records
-from experiments.display.table import Table
+from experiments.display.rejection_tables import arcs, ways
+from experiments.results import Results
 from experiments.revision import code_revision, is_clean
 from experiments.schema import Config, from_flat
-from experiments.statistics import estimate
 from experiments.train import clouds_of, held_out, initial_model
 
 EXPERIMENTS = ("hard_adgcnn_fit", "hard1024_adgcnn_fit", "other_adgcnn_fit")
@@ -213,53 +212,6 @@ def read_runs(folder: Path) -> list[tuple[dict[str, Any], Path]]:
     return list(zip(read_records(folder), paths, strict=True))
 
 
-def table(result: dict[str, Any]) -> Table:
-    """The table of the four ways, a row a dataset and number of points; means over seeds."""
-    cells = defaultdict(list)
-    for row in result["runs"]:
-        cells[row["dataset"], row["n_points"]].append(row)
-    rows = []
-    for (dataset, n_points), found in sorted(cells.items()):
-        called, right = (sum(row["reliability"][key] for row in found) for key in ("called_90", "called_90_right"))
-        rows.append(
-            [
-                dataset,
-                f"{n_points:,}",
-                f"{found[0]['all']['accuracy']:.3f}",
-                estimate([row["kept"]["accuracy"] for row in found]).format(3),
-                f"{found[0]['true']['accuracy']:.3f}",
-                f"{found[0]['likelihood']['accuracy']:.3f}",
-                estimate([row["adgcnn_fit"]["accuracy"] for row in found]).format(3),
-                f"{np.mean([row['adgcnn_fit']['median_error_mm'] for row in found]):.3f}",
-                f"{100 * np.mean([row['iou_cable'] for row in found]):.1f}",
-                f"{right} of {called}" if called else "none",
-            ]
-        )
-    seeds = len(result["seeds"])
-    clouds = result["runs"][0]["clouds"]
-    return Table(
-        "Finding the cable first",
-        [
-            "Clouds",
-            "points",
-            "all",
-            "kept",
-            "true",
-            "likeliest",
-            "adgcnn_fit",
-            "error (mm)",
-            "IoU (%)",
-            "right at 90 %",
-        ],
-        rows,
-        f"Share of {clouds} test clouds of 13 sizes whose size is told rightly: by a robust cylinder fit to all points, to those "
-        "that the network keeps, to those that truly are the cable's; by the likelihood of the sizes on the true points; by "
-        f"adgcnn_fit, with the median error of its diameter. {seeds} seeds, mean and 95 % interval. Last, the cable's "
-        "intersection over union, and how many of the clouds that the network calls with 85 to 95 % certainty it calls rightly.",
-        [("", 2), ("cylinder fit to points", 3), ("", 1), ("network", 4)],
-    )
-
-
 def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(prog="python -m experiments.rejection", description="Test the runs of adgcnn_fit.")
@@ -269,7 +221,8 @@ def main() -> None:
     parser.add_argument("--allow-dirty", action="store_true", help="also take runs of uncommitted code")
     options = parser.parse_args()
     try:
-        print(table(run(options.runs, options.out, size=options.size, allow_dirty=options.allow_dirty)).to_text())
+        found = run(options.runs, options.out, size=options.size, allow_dirty=options.allow_dirty)
+        print(ways(Results(found)).to_text(), arcs(Results(found)).to_text(), sep="\n\n")
     except CollectError as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(1)

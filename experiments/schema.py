@@ -331,7 +331,7 @@ def finished_run(out: str, name: str, size: str, seed: int) -> str:
     runs = sorted(Path(out, name, size).glob("*/run.json"), key=lambda path: path.stat().st_mtime)
     own = [path.parent for path in runs if read_json(path)["seed"] == seed]
     if not own:
-        raise ValueError(f"training.init_from: expected a finished run of {name} with seed {seed} below {out}/{name}/{size}; "
+        raise ValueError(f"transfer={name}: expected a finished run of {name} with seed {seed} below {out}/{name}/{size}; "
                          f"run `python -m experiments.train -m experiment={name} size={size}` first")  # fmt: skip
     return str(own[-1])
 
