@@ -42,9 +42,9 @@ def ways(results: Results) -> Table:
         rows,
         f"Share of {results.raw['runs'][0]['clouds']} test clouds of 13 sizes whose size is told rightly: by a robust cylinder "
         "fit and the nearest size, fitted to all points, to those that the network keeps, to those that truly are the cable's; "
-        "by the likeliest size, residuals of the true points taken for independent and normal; by adgcnn_fit. Its diameter's median "
-        f"error, the cable's intersection over union; mean of {len(results.seeds)} seeds with its 95 % interval. Last, of the "
-        "clouds that the network calls with 85 to 95 % certainty, all seeds together, those called rightly.",
+        "by the likeliest size, residuals of the true points taken for independent and normal; by adgcnn_fit. Its diameter's "
+        f"median error, the cable's intersection over union; mean of {len(results.seeds)} seeds with its 95 % interval. Last, of "
+        "the clouds that the network calls with 85 to 95 % certainty, all seeds together, those called rightly.",
         [("", 2), ("fit to points: accuracy", 3), ("likelihood", 1), ("adgcnn_fit", 4)],
     )
 
