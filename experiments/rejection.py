@@ -1,16 +1,15 @@
 """What finding the cable first is worth: sizes by a cylinder fit to all points, to those kept, to the true ones, and adgcnn_fit.
 
     python -m experiments.train -m experiment=hard_adgcnn_fit
-    python -m experiments.train -m experiment=hard1024_adgcnn_fit
-    python -m experiments.train -m experiment=other_adgcnn_fit
     python -m experiments.rejection [--runs runs] [--out results]
 
-Every finished run of these is loaded and tested once on its test clouds; a table is printed and kept in
-`<out>/rejection.json`.
+Every finished run, trained on `hard` clouds of 512 points alone, is tested once on test clouds of every kind; tables are
+printed and kept in `<out>/rejection.json`.
 """
 
 import argparse
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -31,10 +30,12 @@ from experiments.collect import CollectError, flatten, read_records
 from experiments.display.rejection_tables import arcs, ways
 from experiments.results import Results
 from experiments.revision import code_revision, is_clean
+from experiments.runs import RECORD
 from experiments.schema import Config, from_flat
 from experiments.train import clouds_of, held_out, initial_model
 
-EXPERIMENTS = ("hard_adgcnn_fit", "hard1024_adgcnn_fit", "other_adgcnn_fit")
+TRAINED = "hard_adgcnn_fit"
+CLOUDS = (("standard", 512), ("real-like", 512), ("hard", 512), ("hard", 1024))  # of the tests
 BATCH = 32
 ARCS_DEG = (0, 80, 100, 120, 180, 360)
 CERTAIN = (0.85, 0.95)  # "called with 90 % certainty"
@@ -128,11 +129,8 @@ def reliability(logits: np.ndarray, label: np.ndarray) -> dict[str, Any]:
     }
 
 
-def tested(cfg: Config, folder: Path) -> dict[str, Any]:
-    """One run on its test clouds."""
-    model = initialise_from(initial_model(cfg, len(cfg.dataset.sizes_mm2)), folder).model
-    assert isinstance(model, ADGCNNFit)
-    model.eval()
+def tested(model: ADGCNNFit, cfg: Config) -> dict[str, Any]:
+    """A network on the test clouds of a configuration."""
     split, nominal = held_out(cfg, "test"), clouds_of(cfg.dataset, 1).diameters_mm
     label, said = np.asarray(split.label), estimates(model, split)
     kept, logits = (np.asarray(said.scores) > 0) & np.asarray(split.mask), np.asarray(said.logits)
@@ -173,43 +171,37 @@ def run(runs: Path, out: Path, *, size: str, allow_dirty: bool = False) -> dict[
     Raises:
         CollectError: If there is no run, runs come from several revisions, or code was not committed.
     """
-    rows, trained = [], {}
-    for name in EXPERIMENTS:
-        if not (runs / name / size).is_dir():
-            print(f"{name}: no runs, left out", file=sys.stderr)
-            continue
-        for record, folder in read_runs(runs / name / size):
-            if not allow_dirty and not is_clean(record["code_revision"]):
-                raise CollectError(
-                    f"{name}: made by uncommitted code ({record['code_revision']}); commit and run again"
-                )
-            cfg = from_flat(flatten(record["config"]))
-            trained[name] = record["code_revision"]
-            cell = {"dataset": cfg.dataset.version, "n_points": cfg.dataset.n_points, "seed": cfg.seed}
-            print(f"{name}: {cell}", file=sys.stderr, flush=True)
+    folder = runs / TRAINED / size
+    records, rows = read_records(folder), []
+    trained_by = records[0]["code_revision"]
+    for revision in (trained_by, code_revision()):
+        if not allow_dirty and not is_clean(revision):
+            raise CollectError(f"{TRAINED}: made by uncommitted code ({revision}); commit and run again")
+    for record, path in zip(records, sorted(folder.glob(f"*/{RECORD}")), strict=True):
+        cfg = from_flat(flatten(record["config"]))
+        model = initialise_from(initial_model(cfg, len(cfg.dataset.sizes_mm2)), path.parent).model
+        assert isinstance(model, ADGCNNFit)
+        model.eval()
+        for version, n_points in CLOUDS:
+            cell = {"dataset": version, "n_points": n_points, "seed": cfg.seed}
+            print(f"seed {cfg.seed}: {n_points} points, {version}", file=sys.stderr, flush=True)
             rows.append(
-                {**cell, "experiment": name, "train_seconds": record["metrics"]["train_seconds"]} | tested(cfg, folder)
+                cell | tested(model, replace(cfg, dataset=replace(cfg.dataset, version=version, n_points=n_points)))
             )
-    if not rows:
-        raise CollectError(f"no finished run of {', '.join(EXPERIMENTS)} in {runs}")
     result = {
         "experiment": "rejection",
         "size": size,
-        "code_revision": code_revision(),
-        "trained_by": trained,
         "seeds": sorted({row["seed"] for row in rows}),
+        "code_revision": code_revision(),
+        "trained_by": trained_by,
+        "train_seconds": [round(record["metrics"]["train_seconds"], 1) for record in records],
         "provenance": {k: v for k, v in provenance(seeds=[]).items() if k not in ("seeds", "git")},
+        "config": {k: v for k, v in flatten(records[0]["config"]).items() if k != "seed"},
         "runs": rows,
     }
     out.mkdir(parents=True, exist_ok=True)
-    write_json(out / "rejection.json", result)
+    write_json(out / f"{result['experiment']}.json", result)
     return result
-
-
-def read_runs(folder: Path) -> list[tuple[dict[str, Any], Path]]:
-    """Finished runs below a folder, each with its own folder."""
-    paths = sorted(path.parent for path in folder.glob("*/run.json"))
-    return list(zip(read_records(folder), paths, strict=True))
 
 
 def main() -> None:

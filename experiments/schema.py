@@ -10,7 +10,6 @@ from typing import Any
 from hydra.core.config_store import ConfigStore
 from omegaconf import MISSING, OmegaConf
 
-from cablejax.io import read_json
 from experiments import tuning
 
 NOISE_KINDS = ("none", "gaussian", "random", "compound")
@@ -322,25 +321,10 @@ def pretrained(out: str, size: str) -> str:
     return str(runs[-1].parent)
 
 
-def finished_run(out: str, name: str, size: str, seed: int) -> str:
-    """The folder of the newest finished run of an experiment, of a size and a seed.
-
-    Raises:
-        ValueError: If there is none.
-    """
-    runs = sorted(Path(out, name, size).glob("*/run.json"), key=lambda path: path.stat().st_mtime)
-    own = [path.parent for path in runs if read_json(path)["seed"] == seed]
-    if not own:
-        raise ValueError(f"transfer={name}: expected a finished run of {name} with seed {seed} below {out}/{name}/{size}; "
-                         f"run `python -m experiments.train -m experiment={name} size={size}` first")  # fmt: skip
-    return str(own[-1])
-
-
 def register() -> None:
     """Make the schema, and the resolvers of conf/, known to Hydra under the names that conf/ uses."""
     OmegaConf.register_new_resolver("is_paper", lambda size: size == "paper", replace=True)
     OmegaConf.register_new_resolver("pretrained", pretrained, replace=True)
-    OmegaConf.register_new_resolver("finished_run", finished_run, replace=True)
     OmegaConf.register_new_resolver("trial_options", tuning.trial_options, replace=True)
     OmegaConf.register_new_resolver("trial_rate", tuning.trial_rate, replace=True)
     OmegaConf.register_new_resolver("tuned_rate", tuning.tuned_rate, replace=True)

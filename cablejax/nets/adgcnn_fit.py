@@ -57,6 +57,8 @@ class ADGCNNFit(nnx.Module):
         head: Channels of the size head's hidden layers.
         scale_mm: Length that becomes 1 at the input.
         iterations: Gauss-Newton steps of the fit.
+        most_points: Points that are scored at a time, for the neighbourhoods to be as dense as in training: of a cloud of
+            g times as many every g-th row makes a cloud of its own. The cylinder is fitted to all.
     """
 
     def __init__(
@@ -72,6 +74,7 @@ class ADGCNNFit(nnx.Module):
         head: Sequence[int] = (64,),
         scale_mm: float = 20.0,
         iterations: int = 12,
+        most_points: int = 512,
         rngs: nnx.Rngs,
     ):
         if len(diameters_mm) != num_classes:
@@ -79,6 +82,7 @@ class ADGCNNFit(nnx.Module):
         self.diameters_mm = tuple(float(each) for each in diameters_mm)
         self.scale_mm = scale_mm
         self.iterations = iterations
+        self.most_points = most_points
         options = {"k": k, "attention": attention, "widths": widths, "shared_width": shared_width}
         self.points = PartNetwork(2, **options, head=point_head, scale_mm=scale_mm, rngs=rngs)
         self.head = Classifier(2 * shared_width + SUMMARY, tuple(head), num_classes + 2, rngs=rngs)
@@ -90,8 +94,7 @@ class ADGCNNFit(nnx.Module):
 
     def estimate(self, xyz: Float[Array, "b n 3"], mask: Bool[Array, "b n"]) -> FitEstimate:
         """Logits with the diameter, its standard deviation and the points' scores."""
-        labelled, pooled = self.points.label(jax.lax.stop_gradient(jax.vmap(self._inputs)(xyz, mask)), mask)
-        scores = jnp.where(mask, labelled[..., 1] - labelled[..., 0], 0.0)
+        scores, pooled = self._scored(xyz, mask)
         weight = jnp.where(mask, jax.nn.sigmoid(scores), 0.0)
         fit = jax.vmap(lambda points, w: weighted_cylinder(points, w, iterations=self.iterations))(xyz, weight)
         found = fit.status == 0
@@ -103,6 +106,23 @@ class ADGCNNFit(nnx.Module):
         off = (diameter[:, None] - jnp.asarray(self.diameters_mm)[None, :]) / std[:, None]
         by_fit = -0.5 * (NU + 1.0) * jnp.log1p(off**2 / NU)
         return FitEstimate(said[:, :-2] + by_fit, diameter, std, scores)
+
+    def _scored(self, xyz: Array, mask: Array) -> tuple[Float[Array, "b n"], Float[Array, "b pooled"]]:
+        """Scores of all points, 0 on padding, and the feature of each cloud, `most_points` at a time."""
+        (b, n), deals = mask.shape, -(-mask.shape[1] // self.most_points)
+        missing = -n % deals
+
+        def deal(rows: Array) -> Array:
+            padded = jnp.pad(rows, ((0, 0), (0, missing)) + ((0, 0),) * (rows.ndim - 2))
+            return jnp.swapaxes(padded.reshape(b, -1, deals, *rows.shape[2:]), 1, 2).reshape(
+                b * deals, -1, *rows.shape[2:]
+            )
+
+        dealt = deal(mask)
+        labelled, pooled = self.points.label(jax.lax.stop_gradient(jax.vmap(self._inputs)(deal(xyz), dealt)), dealt)
+        scores = jnp.where(dealt, labelled[..., 1] - labelled[..., 0], 0.0)
+        scores = jnp.swapaxes(scores.reshape(b, deals, -1), 1, 2).reshape(b, -1)[:, :n]
+        return scores, jnp.mean(pooled.reshape(b, deals, -1), axis=1)
 
     def _inputs(self, xyz: Array, mask: Array) -> Float[Array, "n c"]:
         """Coordinates along the cloud's principal axes in scales, and the local shape."""
