@@ -58,7 +58,7 @@ class ADGCNNFit(nnx.Module):
         scale_mm: Length that becomes 1 at the input.
         iterations: Gauss-Newton steps of the fit.
         most_points: Points that are scored at a time, for the neighbourhoods to be as dense as in training: of a cloud of
-            g times as many every g-th row makes a cloud of its own. The cylinder is fitted to all.
+            g times as many rows (padding counts) every g-th one makes a cloud of its own. The cylinder is fitted to all.
     """
 
     def __init__(

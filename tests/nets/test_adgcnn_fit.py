@@ -78,3 +78,15 @@ def test_clouds_that_do_not_know_their_points_are_refused(clouds):
 def test_a_diameter_for_each_class_is_asked_for():
     with pytest.raises(ValueError, match="diameters_mm: expected one of each of 3 classes, got 2"):
         ADGCNNFit(3, diameters_mm=(20.0, 30.0), rngs=nnx.Rngs(0))
+
+
+def test_large_clouds_are_scored_at_the_density_learnt(clouds):
+    """Every second row makes a cloud of its own, each scored as it would be alone."""
+    dealt = build_model(
+        "adgcnn_fit", 3, rngs=nnx.Rngs(0), diameters_mm=SIZES.diameters_mm, **SMALL, most_points=48
+    )  # as many weights, and the same
+    whole = said(dealt, clouds.xyz, clouds.mask)
+    for first in (0, 1):
+        alone = said(dealt, clouds.xyz[:, first::2], clouds.mask[:, first::2])
+        np.testing.assert_allclose(whole.scores[:, first::2], alone.scores, atol=1e-3)
+    assert whole.logits.shape == (8, 3)
