@@ -97,7 +97,13 @@ def _gage(sub: argparse._SubParsersAction) -> None:
 def _classify(sub: argparse._SubParsersAction) -> None:
     parser = sub.add_parser("classify", help="the nominal size that a trained network sees in a scan")
     _scan_arguments(parser)
-    parser.add_argument("--checkpoint", required=True, metavar="FOLDER", help="of a run of experiments.train")
+    network = parser.add_mutually_exclusive_group()
+    network.add_argument(
+        "--network",
+        metavar="NAME",
+        help="one that comes with the package: adgcnn or adgcnn_fit (default: by the arc seen)",
+    )
+    network.add_argument("--checkpoint", metavar="FOLDER", help="of a run of experiments.train, whose network to take")
     parser.add_argument("--seed", type=int, default=0, help="of the samples that the network sees (default: 0)")
 
 

@@ -87,19 +87,25 @@ class PartNetwork(nnx.Module):
 
     def __call__(self, xyz: Float[Array, "b n 3"], mask: Bool[Array, "b n"]) -> Float[Array, "b n parts"]:
         """Logits `[b, n, P]` of clouds in mm; rows where `mask` is False change nothing."""
-        features = jax.lax.stop_gradient(jax.vmap(self._inputs)(xyz, mask))
+        return self.label(jax.lax.stop_gradient(jax.vmap(self._inputs)(xyz, mask)), mask)[0]
+
+    def label(
+        self, features: Float[Array, "b n c"], mask: Bool[Array, "b n"]
+    ) -> tuple[Float[Array, "b n parts"], Float[Array, "b pooled"]]:
+        """Logits `[b, n, P]` of clouds given by their points' features, and the feature of each whole cloud."""
         maps, x = [features], features
         for layer in self.layers:
             x = layer(x, mask)
             maps.append(x)
         joined = jnp.concatenate(maps, axis=-1)
         weight = mask.astype(joined.dtype)
-        added = self.whole(self.shared(joined, mask))[:, None, :]
+        pooled = self.shared(joined, mask)
+        added = self.whole(pooled)[:, None, :]
         x = joined
         for linear, norm in zip(self.hidden, self.norms, strict=True):
             x = jax.nn.leaky_relu(norm(linear(x) + added, weight), 0.2)
             added = 0.0
-        return self.logits(x)
+        return self.logits(x), pooled
 
     def _inputs(self, xyz: Array, mask: Array) -> Float[Array, "n c"]:
         """Coordinates along the cloud's principal axes in scales, and the local shape."""

@@ -41,6 +41,7 @@ from cablejax.ops.rigid import invert, kabsch, se3_exp, se3_log, transform
 from cablejax.ops.sampling import Sample, ball_query, farthest_point_sampling
 from cablejax.ops.sharded import query_sharded
 from cablejax.ops.voxels import VoxelResult, voxel_downsample
+from cablejax.ops.weighted_cylinder import WeightedCylinder, weighted_cylinder
 
 __all__ = [
     "AttentionWeights",
@@ -59,6 +60,7 @@ __all__ = [
     "SymmetricEigen",
     "Trial",
     "VoxelResult",
+    "WeightedCylinder",
     "adaptive_filter",
     "ball_query",
     "build_tree",
@@ -105,5 +107,6 @@ __all__ = [
     "transform",
     "usual_noise",
     "voxel_downsample",
+    "weighted_cylinder",
     "width_trial",
 ]
