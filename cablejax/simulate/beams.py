@@ -85,19 +85,28 @@ def aim(
 def cast(scene: Scene, beam: Beam) -> Echo:
     """Meet the surface: sphere tracing comes near, then steps that take it for a round cylinder land on it.
 
-    Sphere tracing alone creeps where a beam grazes the surface: 48 steps still lost beams 0.02 mm inside the rim.
+    Sphere tracing alone creeps where a beam grazes the surface: 48 steps still lost beams 0.02 mm inside the rim. A beam
+    that leaves lands from its nearest approach: past the surface steps double, to 1e18 mm, where no digit is left of
+    the place that it comes back to.
     """
     steps = TRACE_STEPS if isinstance(scene.cable, Tube) and not scene.solids else TRACE_STEPS_BEHIND
+    # at least the working range, though the bound of a profile falls a little short
+    reach = 2 * MOST_STANDOFFS * (scene.cable.bound(beam.origin_mm) + scene.cable.outline_mm)
 
-    def trace(_, t):
-        return t + jnp.maximum(scene.bound(beam.origin_mm + t * beam.direction), 0.0)
+    def trace(_, state):
+        t, _, nearest, least = state
+        gap = scene.bound(beam.origin_mm + t * beam.direction)
+        nearest, least = jnp.where(gap < least, t, nearest), jnp.minimum(gap, least)
+        return jnp.minimum(t + jnp.maximum(gap, 0.0), reach), gap, nearest, least
 
     def land(_, state):
         xyz, t = state
         shift, _ = _to_cylinder(scene.locate(xyz), beam)
         return xyz + shift * beam.direction, t + shift
 
-    t = jax.lax.fori_loop(0, steps, trace, jnp.zeros(()))
+    start, far = jnp.zeros(()), jnp.full((), jnp.inf)
+    t, gap, nearest, _ = jax.lax.fori_loop(0, steps, trace, (start, far, start, far))
+    t = jnp.where(gap > scene.cable.outline_mm, nearest, t)
     # the last step stands outside: only there are arc length, angle and part asked for
     xyz, t = jax.lax.fori_loop(0, LANDING_STEPS - 1, land, (beam.origin_mm + t * beam.direction, t))
     surface = scene.locate(xyz)
@@ -105,7 +114,7 @@ def cast(scene: Scene, beam: Beam) -> Echo:
     xyz, t = xyz + shift * beam.direction, t + shift
     cosine = -jnp.dot(surface.normal, beam.direction)
     facing = ~passes & (cosine > LEAST_COSINE) & (jnp.abs(surface.signed_distance_mm) < HIT_MM)
-    hit = facing & _scanned(scene.cable, surface.arc_mm)
+    hit = facing & _scanned(scene.cable, surface.arc_mm) & (t > 0)
     # the beam passes the axis at r sin(incidence): r - r sin = r cos^2 / (1 + sin)
     sine = jnp.sqrt(jnp.maximum(1 - cosine**2, 0.0))
     inside = surface.radius_mm * cosine**2 / (1 + sine)

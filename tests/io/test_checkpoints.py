@@ -251,5 +251,5 @@ assert len(back["key"].sharding.device_set) == 4
 
 
 def test_arrays_return_to_the_devices_they_were_split_over(tmp_path):
-    flags = {**os.environ, "XLA_FLAGS": "--xla_force_host_platform_device_count=4"}
+    flags = {**os.environ, "XLA_FLAGS": f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count=4"}
     subprocess.run([sys.executable, "-c", SHARDED, str(tmp_path)], env=flags, check=True)
