@@ -8,6 +8,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 from numpy.typing import ArrayLike
 
@@ -81,7 +82,7 @@ class PointCloud(NamedTuple):
         rows = capacity_for(n) if capacity is None else capacity
         if rows < n:
             raise ValueError(f"capacity: expected at least the number of points, {n}, got {capacity}")
-        if not isinstance(xyz, jax.core.Tracer):
+        if not isinstance(xyz, Tracer):
             _room_for(rows)
         padded = (jnp if on_device else np).pad(points, ((0, rows - n), (0, 0)))
         return cls(jnp.asarray(padded), jnp.asarray(np.arange(rows) < n))
