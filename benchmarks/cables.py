@@ -30,9 +30,9 @@ def measure(diameter: float, noise: float, order: int, seed: int) -> dict[str, f
     xyz = cable(diameter, noise, seed)
     inside = (np.abs(xyz[:, 2] / diameter - 1.5) < 1.2) & (xyz[:, 1] > 0.2 * diameter)
     result = adaptive_filter(PointCloud.from_xyz(xyz), order=order)
-    out = np.asarray(result.xyz, dtype=np.float64)
+    out = np.asarray(result.xyz, dtype=np.float64)[: len(xyz)]
     left = (np.hypot(out[:, 0], out[:, 1]) - diameter / 2)[inside]
-    width = float(np.median(np.asarray(result.width)))
+    width = float(np.median(np.asarray(result.width)[: len(xyz)]))
     return {"std_mm": float(left.std()), "diameter_bias_mm": 2 * float(left.mean()), "width_mm": width}
 
 

@@ -27,7 +27,7 @@ def inputs(options: argparse.Namespace) -> tuple[np.ndarray, ...]:
 
 
 def of_jax(features: np.ndarray, kernel: np.ndarray, cotangent: np.ndarray, *, k: int, literal: bool):
-    """`(forward, gradient)` of the factorised layer, or of equations (11)-(14) with a tensor per edge."""
+    """`(forward, gradient)` of the factorised layer, or of eqs. (11)-(14) with a tensor per edge."""
     import jax
     import jax.numpy as jnp
 

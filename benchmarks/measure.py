@@ -24,12 +24,12 @@ import numpy as np
 
 from cablejax.io import provenance, read_points, write_json
 from cablejax.measure import MeasureError, measure_cable
-from cablejax.measure.axis import sampled
-from cablejax.measure.cylinder import frame
-from cablejax.measure.fit import fit_cable
-from cablejax.measure.search import find_candidates
-from cablejax.measure.sections import arc_of
-from cablejax.measure.thinning import surface
+from cablejax.measure.find.cylinder import frame
+from cablejax.measure.find.hypotheses import find_candidates
+from cablejax.measure.find.surface import surface
+from cablejax.measure.fit.axis import sampled
+from cablejax.measure.fit.least_squares import fit_cable
+from cablejax.measure.shape.sections import arc_of
 from cablejax.simulate import catalogue, simulate_scan
 
 ROWS = (

@@ -46,7 +46,7 @@ def feature_graph(x: Tensor, k: int) -> Tensor:
 
 
 class ChannelAttention(nn.Module):
-    """Equation (12), pooled over all edges of a cloud."""
+    """Eq. (12), pooled over all edges of a cloud."""
 
     def __init__(self, features: int):
         super().__init__()
@@ -59,7 +59,7 @@ class ChannelAttention(nn.Module):
 
 
 class AEdgeConv(nn.Module):
-    """Equations (11)-(14) with a tensor per edge."""
+    """Eqs. (11)-(14) with a tensor per edge."""
 
     def __init__(self, c: int, d: int, *, k: int, attention: bool):
         super().__init__()

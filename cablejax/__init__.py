@@ -10,13 +10,26 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from cablejax.jax_sums import ensure_right_sums
+    from cablejax.programs import make_room
     from cablejax.types import PointCloud, Status, StatusError, capacity_for, describe, raise_on
 
 __version__ = "0.1.0"
 
-__all__ = ["PointCloud", "Status", "StatusError", "capacity_for", "describe", "ensure_right_sums", "raise_on"]
+__all__ = [
+    "PointCloud",
+    "Status",
+    "StatusError",
+    "capacity_for",
+    "describe",
+    "ensure_right_sums",
+    "make_room",
+    "raise_on",
+]
 
-_WHERE = dict.fromkeys(__all__, "cablejax.types") | {"ensure_right_sums": "cablejax.jax_sums"}
+_WHERE = dict.fromkeys(__all__, "cablejax.types") | {
+    "ensure_right_sums": "cablejax.jax_sums",
+    "make_room": "cablejax.programs",
+}
 
 
 def __getattr__(name: str) -> Any:

@@ -18,6 +18,8 @@ EXTRAS: dict[str, str] = {
     "nbconvert": "notebooks",
     "open3d": "peers",
     "libusb_package": "peers",
+    "distributed": "cluster",
+    "ezdxf": "cad",
 }
 
 

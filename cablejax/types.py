@@ -3,20 +3,24 @@
 import enum
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 from numpy.typing import ArrayLike
 
 from cablejax.jax_sums import warn_where_wrong
+from cablejax.programs import make_room
 
 warn_where_wrong()  # every part imports this module before it computes
 
 # float32 may move a point by so much of the cloud's width: a cable 400 mm long by 4 um.
 LARGEST_ROUNDING = 1e-5
+
+_MET: set[int] = set()  # capacities whose programs have found room
 
 
 def capacity_for(n: int) -> int:
@@ -47,14 +51,16 @@ class PointCloud(NamedTuple):
     mask: Bool[Array, " n"]
 
     @classmethod
-    def from_xyz(cls, xyz: ArrayLike, *, capacity: int | Literal["auto"] | None = None) -> "PointCloud":
+    def from_xyz(cls, xyz: ArrayLike, *, capacity: int | None = None) -> "PointCloud":
         """Wrap coordinates `[n, 3]`, padded with invalid rows up to `capacity`.
+
+        Unless told otherwise the cloud takes one of a few capacities, so that clouds of many sizes share the programs that
+        jax compiles for each shape: a loop over a thousand scans of different sizes compiles some thirty, not a thousand.
 
         Args:
             xyz: Coordinates, rounded to float32. What float32 would spoil, such as map coordinates in metres, is
                 refused; coordinates that are float32 already, or traced by jax, are taken as they are.
-            capacity: Rows of the cloud: n if None; "auto" for `capacity_for(n)`, so that clouds of many sizes share few
-                compiled programs.
+            capacity: Rows of the cloud; `capacity_for(n)` if None, and `capacity=n` for no padding.
 
         Raises:
             ValueError: If `xyz` is not `[n, 3]`, does not fit into `capacity`, or lies so far from the origin that float32
@@ -73,11 +79,21 @@ class PointCloud(NamedTuple):
         if points.ndim != 2 or points.shape[1] != 3:
             raise ValueError(f"xyz: expected shape [n, 3], got {list(points.shape)}")
         n = points.shape[0]
-        rows = n if capacity is None else capacity_for(n) if capacity == "auto" else capacity
+        rows = capacity_for(n) if capacity is None else capacity
         if rows < n:
             raise ValueError(f"capacity: expected at least the number of points, {n}, got {capacity}")
+        if not isinstance(xyz, Tracer):
+            _room_for(rows)
         padded = (jnp if on_device else np).pad(points, ((0, rows - n), (0, 0)))
         return cls(jnp.asarray(padded), jnp.asarray(np.arange(rows) < n))
+
+
+def _room_for(rows: int) -> None:
+    """See to it, once for each capacity, that its programs find room beside those of others."""
+    if rows not in _MET:
+        if make_room():
+            _MET.clear()
+        _MET.add(rows)
 
 
 def _check_rounding(xyz: np.ndarray) -> None:
@@ -114,6 +130,7 @@ class Status(enum.IntFlag):
     DEGENERATE = 16
     EMPTY = 32
     LOWER_ORDER = 64
+    INVALID = 128
 
 
 STATUS_TEXT: Mapping[Status, str] = MappingProxyType(
@@ -125,6 +142,7 @@ STATUS_TEXT: Mapping[Status, str] = MappingProxyType(
         Status.DEGENERATE: "the geometry leaves the answer undetermined",
         Status.EMPTY: "the cloud holds no valid point",
         Status.LOWER_ORDER: "the neighbours of some points do not determine the surface asked for, so a simpler one was taken",
+        Status.INVALID: "an argument has a value that nothing can be computed with, so nothing was",
     }
 )
 

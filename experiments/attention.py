@@ -1,4 +1,4 @@
-"""Where channel attention looks: the weights of equation (12) in a trained ADGCNN, and what they mean on the surface.
+"""Where channel attention looks: the weights of eq. (12) in a trained ADGCNN, and what they mean on the surface.
 
     python -m experiments.attention RUN [--out results]
 

@@ -35,7 +35,7 @@ def nearest_size(fitted_mm: Float[np.ndarray, " n"], nominal_mm: Sequence[float]
 
 
 def baseline(split: Split, nominal_mm: Sequence[float]) -> dict[str, float]:
-    """Equations (20) and (21) of the fit on a split; a cloud without a fit counts as wrong."""
+    """Eqs. (20) and (21) of the fit on a split; a cloud without a fit counts as wrong."""
     predicted = nearest_size(fitted_diameters(split), nominal_mm)
     confusion = confusion_matrix(np.asarray(split.label), predicted, len(nominal_mm) + 1)
     return {

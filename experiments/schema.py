@@ -70,7 +70,7 @@ class MedianFilterConfig(FilterConfig):
 
 @dataclass
 class AdaptiveFilterConfig(FilterConfig):
-    """Equations (2)-(8) behind statistical outlier removal; None estimates a value from the scan.
+    """Eqs. (2)-(8) behind statistical outlier removal; None estimates a value from the scan.
 
     `smooth_k` None is 40 for the paper's mean and 100 for planes and quadrics, which need more points. `gamma` None is 0.1
     for the mean and 0 for surfaces: eq. (7) gives more say to points that stick out, which noise makes too.

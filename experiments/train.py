@@ -93,9 +93,15 @@ def training_config(cfg: Config) -> TrainConfig:
     )
 
 
+def fitted_options(cfg: Config) -> dict[str, Any]:
+    """What a network that fits a cylinder is built with beside its options: what the sizes measure."""
+    return {"diameters_mm": list(clouds_of(cfg.dataset, 1).diameters_mm)} if cfg.model.name == "adgcnn_fit" else {}
+
+
 def initial_model(cfg: Config, classes: int) -> nnx.Module:
     """The network with fresh weights, or with `training.init_from` those of another run where they fit."""
-    model = build_model(cfg.model.name, classes, rngs=nnx.Rngs(cfg.seed), **cfg.model.options)
+    options = {**cfg.model.options, **fitted_options(cfg)}
+    model = build_model(cfg.model.name, classes, rngs=nnx.Rngs(cfg.seed), **options)
     if cfg.training.init_from is None:
         return model
     started = initialise_from(model, cfg.training.init_from)

@@ -11,12 +11,13 @@ PACKAGE = Path(__file__).resolve().parents[1] / "cablejax"
 
 ALLOWED = {
     "__main__": {"cli"},
-    "__init__": {"types", "jax_sums"},
+    "__init__": {"types", "jax_sums", "programs"},
     "jax_sums": set(),
     "compiled": set(),
     "optional": set(),
     "runtime": {"jax_sums", "compiled"},
-    "types": {"jax_sums"},
+    "types": {"jax_sums", "programs"},
+    "programs": set(),
     "ops": {"types"},
     "registration": {"types", "ops"},
     "measure": {"types", "ops"},
@@ -25,8 +26,23 @@ ALLOWED = {
     "train": {"types", "ops", "registration", "measure", "simulate", "nets", "io"},
     "io": {"types", "optional"},
     "report": {"types", "optional"},
-    "tiles": {"types", "ops", "io"},
-    "cli": {"types", "ops", "registration", "measure", "simulate", "nets", "train", "io", "report", "tiles"}
+    "batch": {"types", "io", "optional", "runtime"},
+    "export": {"types", "io", "measure", "report", "optional"},
+    "tiles": {"types", "ops", "io", "batch"},
+    "cli": {
+        "types",
+        "ops",
+        "registration",
+        "measure",
+        "simulate",
+        "nets",
+        "train",
+        "io",
+        "report",
+        "tiles",
+        "batch",
+        "export",
+    }
     | {"optional", "runtime", "jax_sums"},
 }
 HEAVY = (

@@ -116,6 +116,7 @@ def test_what_the_wheel_holds(wheel: Path):
     sources = {str(path.relative_to(ROOT)) for path in (ROOT / "cablejax").rglob("*") if path.is_file()}
     assert {name for name in sources if "__pycache__" not in name} <= held
     assert "cablejax/py.typed" in held
+    assert "cablejax/nets/weights/adgcnn_fit.npz" in held
     assert not [name for name in held if not name.startswith(("cablejax/", "cablejax-"))]
     assert "Project-URL: " in text
 
@@ -129,6 +130,9 @@ def test_the_core_alone(wheel: Path, tmp_path: Path):
     succeed(bin_ / "cablejax", "simulate", "scan.ply", "--points", "1800", "--quiet", cwd=tmp_path)
     measured = succeed(bin_ / "cablejax", "measure", "scan.ply", "--unit", "mm", "--quiet", cwd=tmp_path)
     assert "diameter" in measured
+    assert "mm2, by adgcnn" in succeed(
+        bin_ / "cablejax", "classify", "scan.ply", "--unit", "mm", "--quiet", cwd=tmp_path
+    )
     for output in (
         ["simulate", "scan.las", "--points", "1800"],
         ["measure", "scan.ply", "--unit", "mm", "--report", "r.html"],

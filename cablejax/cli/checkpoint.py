@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cablejax.cli.main import NoResultError
+from cablejax.cli.errors import NoResultError
 from cablejax.cli.scans import say
 
 if TYPE_CHECKING:

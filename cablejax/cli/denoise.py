@@ -4,8 +4,10 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from cablejax.batch.table import Column
+from cablejax.cli import folder
 from cablejax.cli.capacity import padded
-from cablejax.cli.main import NoResultError
+from cablejax.cli.errors import NoResultError
 from cablejax.cli.scans import WRITABLE, check_output, load, rows, save, say
 from cablejax.cli.streams import tell
 
@@ -14,7 +16,39 @@ TILE_POINTS = 1 << 18
 CHUNK = 1_000_000
 
 
+SCHEMA = "denoise-rows/1"
+COLUMNS = (
+    Column("output", "text", "file written"),
+    Column("points", "whole", "valid points read"),
+    Column("removed", "whole", "outliers among them"),
+    Column("moved_rms_mm", "number", "root mean square of how far points were moved"),
+    Column("kernel_width_mm", "number", "mean width of the filter's kernel; empty with `--no-filter`"),
+    Column("tiles", "whole", "tiles; empty where the cloud was cleaned at once"),
+)
+
+
 def run(options: argparse.Namespace) -> dict[str, Any]:
+    """Clean a scan, or every scan of a folder into another folder."""
+    if Path(options.scan).is_dir():
+        target = Path(options.output)
+        if target.resolve() == Path(options.scan).resolve():
+            raise NoResultError(f"{target}: expected another folder than that of the scans")
+        return folder.run_folder(options, {"output": lambda scan: target / _output_name(scan.name)})
+    folder.refuse_options(options, "csv", "jsonl")
+    return one(options)
+
+
+def _output_name(name: str) -> str:
+    """The source's own name where its format can be written."""
+    return name if Path(name).suffix.lower() in WRITABLE else f"{name}.ply"
+
+
+def rows_of(result: dict[str, Any]) -> list[dict[str, Any]]:
+    """A row of a folder's table."""
+    return [{column.name: result.get(column.name) for column in COLUMNS}]
+
+
+def one(options: argparse.Namespace) -> dict[str, Any]:
     """Read, remove outliers, filter, write."""
     check_output(options.output, WRITABLE)
     if options.neighbors < 1:
@@ -22,6 +56,8 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
     source = Path(options.scan)
     if options.tile is not None or (source.is_file() and source.stat().st_size >= LARGE):
         return _tiled(options, options.tile or TILE_POINTS)
+    if options.scheduler is not None:
+        raise NoResultError("--scheduler: is for a folder of scans, or one with --tile")
     return _whole(options)
 
 
@@ -65,8 +101,9 @@ def _whole(options: argparse.Namespace) -> dict[str, Any]:
 
 def _tiled(options: argparse.Namespace, tile_points: int) -> dict[str, Any]:
     """Tile by tile, for files larger than memory; a run that was killed goes on."""
+    from cablejax.batch import EngineError, engine_for
     from cablejax.io import PointFileError
-    from cablejax.tiles import Settings, denoise_file
+    from cablejax.tiles import Settings, TileError, denoise_file
 
     if options.unit is None:
         tell("cablejax: warning: no --unit given, the file is taken to be in mm")
@@ -74,12 +111,16 @@ def _tiled(options: argparse.Namespace, tile_points: int) -> dict[str, Any]:
         std_ratio=options.std_ratio, k=options.neighbors, order=options.order, smooth=not options.no_filter
     )
     try:
+        engine = engine_for(jobs=options.jobs, scheduler=options.scheduler)
+    except ValueError as error:
+        raise NoResultError(f"--{error}") from None
+    try:
         result = denoise_file(
             options.scan, options.output, settings=settings, unit=options.unit or "mm", columns=options.columns,
-            tile_points=tile_points, chunk=CHUNK,
+            tile_points=tile_points, chunk=CHUNK, engine=engine,
             progress=lambda stage, done, total: say(options, f"{stage}: {done:,} of {total:,}"),
         )  # fmt: skip
-    except (PointFileError, ValueError) as error:
+    except (PointFileError, TileError, EngineError, ValueError) as error:
         raise NoResultError(str(error)) from None
     except OSError as error:
         raise NoResultError(f"{options.output}: cannot work beside it ({error.strerror})") from None
@@ -103,6 +144,8 @@ def _tiled(options: argparse.Namespace, tile_points: int) -> dict[str, Any]:
 
 def table(result: dict[str, Any]) -> str:
     """The result for reading."""
+    if "rows" in result:
+        return folder.table(result, lambda row: f"{row['removed']:,} of {row['points']:,} points removed")
     width = result["kernel_width_mm"]
     tiles = [("tiles", f"{result['tiles']:,}, halo {result['halo_mm']:.3g} mm")] if "tiles" in result else []
     return rows(

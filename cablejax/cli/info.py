@@ -1,12 +1,44 @@
 """`cablejax info`: what a point file holds."""
 
 import argparse
+from pathlib import Path
 from typing import Any
 
+from cablejax.batch.table import Column
+from cablejax.cli import folder
 from cablejax.cli.scans import load, rows
+
+SCHEMA = "info-rows/1"
+COLUMNS = (
+    Column("points", "whole", "valid points"),
+    Column("dropped", "whole", "invalid returns left out"),
+    Column("unit", "text", "unit that the file was read in"),
+    Column("x_mm", "number", "extent along x"),
+    Column("y_mm", "number", "extent along y"),
+    Column("z_mm", "number", "extent along z"),
+    Column("spacing_mm", "number", "median distance to the nearest point"),
+    Column("color", "flag", "whether it has colours"),
+    Column("intensity", "flag", "whether it has intensities"),
+)
 
 
 def run(options: argparse.Namespace) -> dict[str, Any]:
+    """What a file, or every file of a folder, holds."""
+    if Path(options.scan).is_dir():
+        return folder.run_folder(options)
+    folder.refuse_options(options)
+    return one(options)
+
+
+def rows_of(result: dict[str, Any]) -> list[dict[str, Any]]:
+    """A row of a folder's table."""
+    low, high = result["minimum_mm"], result["maximum_mm"]
+    extent = {f"{axis}_mm": b - a for axis, a, b in zip("xyz", low, high, strict=True)}
+    same = ("points", "dropped", "unit", "spacing_mm", "color", "intensity")
+    return [{**{name: result[name] for name in same}, **extent}]
+
+
+def one(options: argparse.Namespace) -> dict[str, Any]:
     """Count, extent, spacing and what else the file carries."""
     import numpy as np
     from scipy.spatial import KDTree
@@ -30,6 +62,8 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
 
 def table(result: dict[str, Any]) -> str:
     """The result for reading."""
+    if "rows" in result:
+        return folder.table(result, lambda row: f"{row['points']:,} points, read as {row['unit']}")
     low, high = result["minimum_mm"], result["maximum_mm"]
     extent = " x ".join(f"{b - a:.6g}" for a, b in zip(low, high, strict=True))
     carried = [name for name in ("color", "intensity") if result[name]]

@@ -4,10 +4,10 @@ import argparse
 from dataclasses import fields
 from typing import TYPE_CHECKING
 
-from cablejax.cli.main import NoResultError
+from cablejax.cli.errors import NoResultError
 
 if TYPE_CHECKING:
-    from cablejax.measure import Instrument, MeasureSettings
+    from cablejax.measure import Instrument, MeasureSettings, SearchLimits
 
 
 def sizes(voltage: str | None) -> dict[str, float] | None:
@@ -55,19 +55,43 @@ def instrument(given: str | None) -> "Instrument | None":
         raise NoResultError(f"--scanner {given}: {error}") from None
 
 
+def limits(options: argparse.Namespace) -> "SearchLimits":
+    """What is known of the cables that are sought.
+
+    Raises:
+        NoResultError: If it cannot be.
+    """
+    from cablejax.measure import SearchLimits
+
+    box = options.box
+    try:
+        return SearchLimits(
+            diameter_mm=None if options.diameter is None else tuple(options.diameter),
+            axis=None if options.axis is None else tuple(options.axis),
+            near_mm=None if options.near is None else tuple(options.near),
+            box_mm=None if box is None else ((box[0], box[1], box[2]), (box[3], box[4], box[5])),
+        )
+    except ValueError as error:
+        raise NoResultError(f"--{error}".replace("_mm:", ":", 1)) from None
+
+
 def settings(options: argparse.Namespace) -> "MeasureSettings":
     """The settings of a measurement.
 
     Raises:
-        NoResultError: If the scanner is none.
+        NoResultError: If the scanner is none, or a number is out of range.
     """
     from cablejax.measure import MeasureSettings
 
+    if options.stations is not None and options.stations < 1:
+        raise NoResultError(f"--stations: expected at least 1, got {options.stations}")
     return MeasureSettings(
         section_mm=options.section,
         registration_std_mm=options.registration_std,
         scale_std=options.scale_std,
         maker_std_mm=options.maker_std,
+        stations=options.stations,
         instrument=instrument(options.scanner),
+        limits=limits(options),
         seed=options.seed,
     )

@@ -7,6 +7,8 @@ import warnings
 from collections.abc import Sequence
 
 from cablejax import __version__
+from cablejax.cli import exports, folder, gage
+from cablejax.cli.errors import NoResultError
 from cablejax.cli.streams import put_out, settle_streams, tell
 from cablejax.jax_sums import WrongSumsError, check_sums
 from cablejax.optional import MissingPackageError
@@ -29,14 +31,11 @@ examples:
 """
 
 
-class NoResultError(Exception):
-    """A command has no result; the message is the one line that its user sees."""
-
-
 def _scan_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "scan",
-        help="point file (measure: or a folder of them): PLY, PCD, XYZ, TXT, CSV, PTS, PTX, OBJ, LAS, LAZ or E57, gzipped or not",
+        help="point file, or for info, measure and denoise a folder of them: PLY, PCD, XYZ, TXT, CSV, PTS, PTX, OBJ, LAS, LAZ "
+        "or E57, gzipped or not",
     )
     parser.add_argument(
         "--unit", choices=UNITS, help="unit of the file's coordinates (default: mm or m by the extent, with a warning)"
@@ -53,6 +52,7 @@ def _columns(parser: argparse.ArgumentParser) -> None:
 def _info(sub: argparse._SubParsersAction) -> None:
     parser = sub.add_parser("info", help="what a point file holds: points, extent, spacing, invalid returns")
     _scan_arguments(parser)
+    folder.add_arguments(parser)
 
 
 def _measure(sub: argparse._SubParsersAction) -> None:
@@ -65,22 +65,45 @@ def _measure(sub: argparse._SubParsersAction) -> None:
     parser.add_argument(
         "--report", metavar="FILE.html", help="write a self-contained report; a folder for a folder of scans"
     )
-    parser.add_argument("--csv", metavar="FILE.csv", help="for a folder of scans: one row a scan")
+    scene = parser.add_argument_group("scenes of several cables")
+    scene.add_argument("--all", action="store_true", help="measure every cable of the scan, each with a number")
+    scene.add_argument("--expect", type=int, metavar="N", help="with --all: say so where another number is found")
+    scene.add_argument("--picture", metavar="FILE.png", help="with --all: draw the scan with the cables' numbers")
     _measure_options(parser)
+    exports.add_arguments(parser)
+    folder.add_arguments(parser)
 
 
 def _report(sub: argparse._SubParsersAction) -> None:
     parser = sub.add_parser("report", help="measure a scan and write its self-contained HTML report")
     _scan_arguments(parser)
     parser.add_argument("report", metavar="report.html", help="file to write")
-    parser.set_defaults(csv=None)
+    parser.set_defaults(csv=None, jsonl=None, scheduler=None, all=False, expect=None, picture=None)
+    exports.add_arguments(parser)
     _measure_options(parser)
+
+
+def _gage(sub: argparse._SubParsersAction) -> None:
+    parser = sub.add_parser(
+        "gage", help="how well repeated scans agree: repeatability and reproducibility after AIAG MSA"
+    )
+    gage.add_arguments(parser)
+    parser.add_argument("--unit", choices=UNITS, help="unit of the files' coordinates")
+    _columns(parser)
+    _measure_options(parser)
+    folder.add_arguments(parser)
 
 
 def _classify(sub: argparse._SubParsersAction) -> None:
     parser = sub.add_parser("classify", help="the nominal size that a trained network sees in a scan")
     _scan_arguments(parser)
-    parser.add_argument("--checkpoint", required=True, metavar="FOLDER", help="of a run of experiments.train")
+    network = parser.add_mutually_exclusive_group()
+    network.add_argument(
+        "--network",
+        metavar="NAME",
+        help="one that comes with the package: adgcnn or adgcnn_fit (default: by the arc seen)",
+    )
+    network.add_argument("--checkpoint", metavar="FOLDER", help="of a run of experiments.train, whose network to take")
     parser.add_argument("--seed", type=int, default=0, help="of the samples that the network sees (default: 0)")
 
 
@@ -109,6 +132,27 @@ def _measure_options(parser: argparse.ArgumentParser) -> None:
         help="a preset of the simulator (line-laser), or what is known at the cable's distance: "
         "range_std_mm=1.2,footprint_mm=1 (optional: incidence_power, lateral_std_mm)",
     )
+    parser.add_argument(
+        "--stations",
+        type=int,
+        metavar="N",
+        help="scanner positions, if known: 1 for a single view, which needs no alignment",
+    )
+    limits = parser.add_argument_group("what is known of the cable, in mm and in the scan's coordinates")
+    limits.add_argument(
+        "--diameter", type=float, nargs=2, metavar=("LOW", "HIGH"), help="its diameter is between these"
+    )
+    limits.add_argument("--near", type=float, nargs=3, metavar=("X", "Y", "Z"), help="the cable nearest to this point")
+    limits.add_argument(
+        "--axis", type=float, nargs=3, metavar=("X", "Y", "Z"), help="it runs along this, within 20 degrees"
+    )
+    limits.add_argument(
+        "--box",
+        type=float,
+        nargs=6,
+        metavar=("X0", "Y0", "Z0", "X1", "Y1", "Z1"),
+        help="look at no point outside this box",
+    )
     parser.add_argument("--section", type=float, metavar="MM", help="distance between sections (default: D/4)")
     parser.add_argument("--registration-std", type=float, default=0.0, metavar="MM", help="of the stations' alignment")
     parser.add_argument(
@@ -121,11 +165,13 @@ def _measure_options(parser: argparse.ArgumentParser) -> None:
 def _denoise(sub: argparse._SubParsersAction) -> None:
     parser = sub.add_parser("denoise", help="remove outliers, smooth with the adaptive filter, write the cloud")
     _scan_arguments(parser)
-    parser.add_argument("output", help="file to write: .ply, .pcd, .xyz, .csv, .las or .laz")
+    parser.add_argument(
+        "output", help="file to write: .ply, .pcd, .xyz, .csv, .las or .laz; a folder for a folder of scans"
+    )
     parser.add_argument("--neighbors", type=int, default=100, metavar="K", help="of the filter (default: 100)")
     parser.add_argument(
         "--order", type=int, choices=(0, 1, 2), default=2,
-        help="local surface: 0 the mean of the paper's equation (8), which shrinks a cable; 1 plane; 2 quadric (default)",
+        help="local surface: 0 the mean of the paper's eq. (8), which shrinks a cable; 1 plane; 2 quadric (default)",
     )  # fmt: skip
     parser.add_argument("--std-ratio", type=float, default=2.0, help="outliers beyond so many deviations (default: 2)")
     parser.add_argument("--no-filter", action="store_true", help="remove outliers alone")
@@ -134,6 +180,7 @@ def _denoise(sub: argparse._SubParsersAction) -> None:
         help="work in tiles of so many points, for files larger than memory; the result is the same, and a killed run "
         "goes on when called again (default: 262144 for files from 256 MB, else none)",
     )  # fmt: skip
+    folder.add_arguments(parser)
 
 
 def _register(sub: argparse._SubParsersAction) -> None:
@@ -195,6 +242,7 @@ COMMANDS = {
     "report": _report,
     "denoise": _denoise,
     "register": _register,
+    "gage": _gage,
     "classify": _classify,
     "simulate": _simulate,
     "completion": _completion,

@@ -5,24 +5,75 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-from cablejax.cli import batch, known
+from cablejax.batch.table import Column
+from cablejax.cli import exports, folder, known, scene, standards
 from cablejax.cli.checkpoint import parts_of
-from cablejax.cli.main import NoResultError
+from cablejax.cli.errors import NoResultError
 from cablejax.cli.scans import check_output, load, make_folder, rows, save_bytes, say
 from cablejax.optional import require
+
+SCHEMA = "measure-rows/1"
+COLUMNS = (
+    Column("diameter_mm", "number", "overall diameter"),
+    Column("low_mm", "number", "lower end of its 95 % interval"),
+    Column("high_mm", "number", "upper end of its 95 % interval"),
+    Column("std_mm", "number", "its standard uncertainty"),
+    Column("minimum_mm", "number", "least diameter"),
+    Column("maximum_mm", "number", "greatest diameter"),
+    Column("ovality", "number", "their difference over the mean diameter"),
+    Column("length_mm", "number", "length of the axis within the scan"),
+    Column("bend_radius_mm", "number", "radius of the tightest bend; empty where straight"),
+    Column("arc_deg", "number", "circumference seen"),
+    Column("noise_mm", "number", "standard deviation of the points about the surface"),
+    Column("points", "whole", "points that the diameter rests on"),
+    Column("reading_mm", "number", "reading after IEC 60811-203; of two, their mean"),
+    Column("x_mm", "number", "middle of the axis, with `--all`"),
+    Column("y_mm", "number", "middle of the axis, with `--all`"),
+    Column("z_mm", "number", "middle of the axis, with `--all`"),
+    Column("verdict", "text", "nominal size, with `--catalogue`"),
+    Column("conformity", "text", "`pass`, `fail` or `undecided`, with `--tolerance`"),
+)
 
 
 def run(options: argparse.Namespace) -> dict[str, Any]:
     """Measure a scan, or every scan of a folder."""
+    for name in ("expect", "picture"):
+        if not options.all and getattr(options, name) is not None:
+            raise NoResultError(f"--{name}: is for --all")
     if Path(options.scan).is_dir() and options.command == "measure":
-        return batch.run_folder(options, _one)
-    if options.csv is not None:
-        raise NoResultError("--csv: is for a folder of scans; give --json for one")
-    return _one(options)
+        if options.picture is not None:
+            raise NoResultError("--picture: is for one scan, not for a folder; give --report")
+        return folder.run_folder(options, _places(options))
+    folder.refuse_options(options, *(("jsonl", "scheduler") if options.all else ()))
+    return one(options)
 
 
-def _one(options: argparse.Namespace) -> dict[str, Any]:
+def _places(options: argparse.Namespace) -> folder.Places:
+    """Where the report and the exports of each scan go."""
+    places = {}
+    if (reports := options.report) is not None:
+        require("jinja2", "plotly", "matplotlib", why="a report")
+        places["report"] = lambda scan: Path(reports) / f"{scan.name}.html"
+    if (exported := options.export) is not None:
+        exports.check(options)
+        places["export"] = lambda scan: Path(exported) / scan.name
+    return places
+
+
+def rows_of(result: dict[str, Any]) -> list[dict[str, Any]]:
+    """The rows of the cables in a folder's table."""
+    if "cables" in result:
+        return scene.rows_of(result)
+    low, high = result["interval_mm"]
+    same = {column.name: result.get(column.name) for column in COLUMNS}
+    same["reading_mm"] = result["readings"]["mean_mm"]
+    return [{**same, "low_mm": low, "high_mm": high, "warnings": " ".join(result.get("warnings", ()))}]
+
+
+def one(options: argparse.Namespace) -> dict[str, Any]:
     """Read, measure, judge, write the report."""
+    if options.all:
+        return scene.run(options)
     if options.tolerance is not None and not options.tolerance[0] < options.tolerance[1]:
         raise NoResultError(
             f"--tolerance: expected LOW below HIGH, got {options.tolerance[0]:g} {options.tolerance[1]:g}"
@@ -31,6 +82,7 @@ def _one(options: argparse.Namespace) -> dict[str, Any]:
         require("jinja2", "plotly", "matplotlib", why="a report")
         make_folder(Path(options.report).parent)
         check_output(options.report, (".html", ".htm"))
+    exports.check(options)
     sizes, settings = known.sizes(options.catalogue), known.settings(options)
     scan = load(options, options.scan)
     part = parts_of(options, scan)
@@ -53,6 +105,8 @@ def _one(options: argparse.Namespace) -> dict[str, Any]:
             parts=parts,
         )
         _save_report(options, html)
+    read, section_sizes = standards.read_and_sized(result, options.tolerance)
+    exported = exports.write(options, scan, result, read, section_sizes)
     judged = None
     if options.tolerance is not None:
         low, high = options.tolerance
@@ -62,9 +116,11 @@ def _one(options: argparse.Namespace) -> dict[str, Any]:
         "file_unit": scan.unit,
         "dropped": scan.dropped,
         **result.to_dict(),
+        **standards.as_json(read, section_sizes),
         "parts": parts,
         "tolerance_mm": options.tolerance,
         "conformity": judged,
+        "exported": exported,
     }
 
 
@@ -77,16 +133,23 @@ def _interval(interval: list[float] | None, digits: str = ".3f") -> str:
     return "" if interval is None else f"  (95 %: {interval[0]:{digits}} to {interval[1]:{digits}})"
 
 
+def _line(row: dict[str, Any]) -> str:
+    size = "" if row["verdict"] is None else f", {row['verdict']}"
+    return f"{row['diameter_mm']:.3f} mm{_interval([row['low_mm'], row['high_mm']])}{size}"
+
+
 def table(result: dict[str, Any]) -> str:
     """The result for reading: numbers, budget, nominal sizes, warnings."""
-    if "scans" in result:
-        return batch.table(result)
+    if "rows" in result:
+        return folder.table(result, _line)
+    if "cables" in result:
+        return scene.table(result)
     r = result
     bend = "straight within its uncertainty"
     if r["bend_radius_mm"] is not None:
         bend = f"{r['bend_radius_mm']:.0f} mm{_interval(r['bend_interval_mm'], '.0f')}"
         bend += f", {r['bend_radius_mm'] / r['diameter_mm']:.1f} diameters"
-    pairs = [("diameter", f"{r['diameter_mm']:.3f} mm{_interval(r['interval_mm'])}")]
+    pairs = [("diameter", f"{r['diameter_mm']:.3f} mm{_interval(r['interval_mm'])}"), *standards.lines(r)]
     if r["ovality"] is not None:
         across = f"{r['minimum_mm']:.3f} mm by {r['maximum_mm']:.3f} mm"
         pairs.append(("ovality", f"{100 * r['ovality']:.2f} % +- {196 * r['ovality_std']:.2f} %, {across}"))

@@ -3,7 +3,7 @@
 import argparse
 from typing import TYPE_CHECKING, Any
 
-from cablejax.cli.main import NoResultError
+from cablejax.cli.errors import NoResultError
 from cablejax.cli.scans import WRITABLE, check_output, load, rows, save, say
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cablejax.cli.main import NoResultError
+from cablejax.cli.errors import NoResultError
 from cablejax.cli.streams import tell
 
 if TYPE_CHECKING:

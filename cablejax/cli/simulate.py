@@ -4,7 +4,7 @@ import argparse
 import io
 from typing import Any
 
-from cablejax.cli.main import NoResultError
+from cablejax.cli.errors import NoResultError
 from cablejax.cli.scans import WRITABLE, check_output, rows, save, save_bytes, say
 from cablejax.optional import require
 

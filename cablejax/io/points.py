@@ -43,7 +43,10 @@ class PointFile:
     stated_unit: str | None = None
 
     def cloud(self) -> PointCloud:
-        """The points less `shift_mm`, as float32: near zero float32 is exact to a fraction of a micrometre."""
+        """The points less `shift_mm`, as float32: near zero float32 is exact to a fraction of a micrometre.
+
+        Padded as `PointCloud.from_xyz` does by default.
+        """
         return PointCloud.from_xyz(self.xyz_mm - self.shift_mm)
 
 

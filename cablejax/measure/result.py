@@ -4,12 +4,13 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from cablejax.measure.conformity import bend_conformity
-from cablejax.measure.freeform import FreeSection
-from cablejax.measure.irregular import Irregularity, irregularities
-from cablejax.measure.sections import Sections
+from cablejax.measure.shape.free_section import FreeSection
+from cablejax.measure.shape.irregularities import Irregularity, irregularities
+from cablejax.measure.shape.sections import Sections
+from cablejax.measure.shape.stretches import Stretch, changes, form_of
 
 
 @dataclass(frozen=True)
@@ -44,6 +45,7 @@ class CableMeasurement:
         points: Number of points that the diameter rests on.
         axis_mm: Points of the axis `[m, 3]`, in the coordinates of the scan.
         sections: Circles along the length.
+        stretches: The length as stretches of constant or tapering diameter.
         keep: True for the scan's points that are the cable's `[n]`.
         deviation_mm: Distance of every point of the scan from the fitted surface `[n]`, positive outside; NaN far off.
         along_mm, angle_deg: Place of every point along the axis and about it `[n]`; NaN far off.
@@ -73,11 +75,12 @@ class CableMeasurement:
     deviation_mm: Float[np.ndarray, " n"]
     along_mm: Float[np.ndarray, " n"]
     angle_deg: Float[np.ndarray, " n"]
-    budget: list[BudgetLine]
+    budget: tuple[BudgetLine, ...]
     nominal: dict[str, float] = field(default_factory=dict)
     verdict: str | None = None
+    stretches: tuple[Stretch, ...] = ()
     free_section: FreeSection | None = None
-    warnings: list[str] = field(default_factory=list)
+    warnings: tuple[str, ...] = ()
 
     @property
     def bend_verdicts(self) -> dict[str, str]:
@@ -85,9 +88,26 @@ class CableMeasurement:
         return bend_conformity(self.bend_interval_mm, self.diameter_mm)
 
     @property
+    def form(self) -> str:
+        """The stretches in words: "one diameter", "tapers from 110 to 75 mm", or "not one diameter" with its range."""
+        return form_of(self.stretches)
+
+    @property
     def irregularities(self) -> list[Irregularity]:
-        """Steps, bulges and dents along the length."""
-        return irregularities(self.sections)
+        """Steps between stretches, bulges and dents of sections, in their order along the length."""
+        steps = [
+            Irregularity("step up" if size > 0 else "step down", at, at, size)
+            for at, size, _ in changes(self.stretches)
+        ]
+        steep = [one for one in self.stretches if one.kind == "tapering"]
+        local = [
+            one
+            for one in irregularities(self.sections)
+            if not one.kind.startswith("step")
+            and not any(part.from_mm - 1 <= one.from_mm <= part.to_mm + 1 for part in steep)
+            and not any(one.from_mm - 1 <= step.from_mm <= one.to_mm + 1 for step in steps)
+        ]
+        return sorted([*steps, *local], key=lambda one: one.from_mm)
 
     def to_dict(self, *, arrays: bool = False) -> dict[str, Any]:
         """Plain numbers, lists and strings for JSON; the arrays as long as the scan only on request.
@@ -101,6 +121,8 @@ class CableMeasurement:
             "bend_interval_mm": None if self.bend_interval_mm is None else list(self.bend_interval_mm),
             "axis_mm": self.axis_mm.tolist(),
             "sections": {name: _listed(array) for name, array in self.sections._asdict().items()},
+            "form": self.form,
+            "stretches": [_told(one) for one in self.stretches],
             "free_section": None if self.free_section is None else _plain(self.free_section),
             "bend_conformity": self.bend_verdicts,
             "irregularities": [one._asdict() for one in self.irregularities],
@@ -131,6 +153,16 @@ SCALARS = (
 )
 
 
+def _told(one: Stretch) -> dict[str, Any]:
+    first, last = one.intervals_mm
+    return {
+        **one._asdict(),
+        "length_mm": one.length_mm,
+        "first_interval_mm": list(first),
+        "last_interval_mm": list(last),
+    }
+
+
 def _plain(section: FreeSection) -> dict[str, Any]:
     return {
         name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in section._asdict().items()
@@ -139,3 +171,50 @@ def _plain(section: FreeSection) -> dict[str, Any]:
 
 def _listed(array: np.ndarray) -> list[float | None]:
     return [float(value) if np.isfinite(value) else None for value in array]
+
+
+@dataclass(frozen=True)
+class NotMeasured:
+    """Something round that was found and could not be measured.
+
+    Attributes:
+        diameter_mm: About how wide it is.
+        length_mm: How far it could be followed.
+        axis_mm: Points along it `[m, 3]`, in the coordinates of the scan.
+        reason: Why there is no diameter, in words.
+    """
+
+    diameter_mm: float
+    length_mm: float
+    axis_mm: Float[np.ndarray, "m 3"]
+    reason: str
+
+
+@dataclass(frozen=True)
+class CableScene:
+    """Every cable of a scan.
+
+    Attributes:
+        cables: The measurements; a cable's number is its place among them, from 1.
+        label: The number of the cable that each point of the scan belongs to `[n]`, 0 for none.
+        not_measured: What looked like a cable and gave no diameter.
+        warnings: Sentences about the scene; those about a cable are in its measurement.
+    """
+
+    cables: tuple[CableMeasurement, ...]
+    label: Int[np.ndarray, " n"]
+    not_measured: tuple[NotMeasured, ...]
+    warnings: tuple[str, ...]
+
+    def to_dict(self, *, arrays: bool = False) -> dict[str, Any]:
+        """Plain numbers, strings and lists; the label of every point with `arrays`."""
+        cables = [{"number": number, **one.to_dict(arrays=arrays)} for number, one in enumerate(self.cables, 1)]
+        missed = [
+            {
+                **{name: getattr(one, name) for name in ("diameter_mm", "length_mm", "reason")},
+                "axis_mm": one.axis_mm.tolist(),
+            }
+            for one in self.not_measured
+        ]
+        out = {"cables": cables, "not_measured": missed, "warnings": list(self.warnings)}
+        return out | ({"label": self.label.tolist()} if arrays else {})

@@ -1,6 +1,7 @@
 """Networks in Flax NNX: ADGCNN and what it is compared with tell a cable's size, another labels a scan's points by part."""
 
 from cablejax.nets.adgcnn import ADGCNN
+from cablejax.nets.adgcnn_fit import ADGCNNFit, FitEstimate
 from cablejax.nets.aedgeconv import AEdgeConv, ChannelAttention
 from cablejax.nets.baselines import DGCNN, VGG16, AlexNet, PointNet, PointNet2, ResNet50
 from cablejax.nets.depth import depth_image
@@ -12,27 +13,34 @@ from cablejax.nets.models import MODELS, build_model, count_parameters
 from cablejax.nets.norm import BatchNorm
 from cablejax.nets.parts import PartNetwork
 from cablejax.nets.pose import pose_clouds
+from cablejax.nets.pretrained import Pretrained, WeightsError, load_pretrained, pretrained_names
 
 __all__ = [
     "ADGCNN",
     "DGCNN",
     "MODELS",
     "VGG16",
+    "ADGCNNFit",
     "AEdgeConv",
     "AlexNet",
     "BatchNorm",
     "ChannelAttention",
     "FeatureEnhancement",
     "FeatureFusion",
+    "FitEstimate",
     "PartLabels",
     "PartNetwork",
     "PointNet",
     "PointNet2",
+    "Pretrained",
     "ResNet50",
     "SizeEstimate",
+    "WeightsError",
     "build_model",
     "count_parameters",
     "depth_image",
     "label_parts",
+    "load_pretrained",
     "pose_clouds",
+    "pretrained_names",
 ]

@@ -26,7 +26,7 @@ class ADGCNN(nnx.Module):
     Args:
         num_classes: C.
         k: Neighbours per point in every graph, the point itself counted.
-        attention: Channel attention, equation (12).
+        attention: Channel attention, eq. (12).
         enhancement: Feature enhancement of the shallow (layers 1, 2) and the deep (3, 4) maps.
         fusion: Feature fusion of these maps.
         pose: Frame of the input, see `pose_clouds`.

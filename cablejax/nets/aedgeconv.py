@@ -1,4 +1,4 @@
-"""The AEdgeConv layer: edge convolution with channel attention, equations (11)-(14), batch normalisation included."""
+"""The AEdgeConv layer: edge convolution with channel attention, eqs. (11)-(14), batch normalisation included."""
 
 from functools import partial
 
@@ -14,7 +14,7 @@ from cablejax.ops.feature_graph import feature_graph
 
 
 class ChannelAttention(nnx.Module):
-    """The two shared 1x1 convolutions of equation (12).
+    """The two shared 1x1 convolutions of eq. (12).
 
     Args:
         features: Channels d.
@@ -42,7 +42,7 @@ class AEdgeConv(nnx.Module):
         in_features: Channels c of the points.
         features: Channels d of the edges and of the result.
         k: Neighbours per point, the point itself counted.
-        attention: Channel attention, equation (12); without it the layer is DGCNN's EdgeConv.
+        attention: Channel attention, eq. (12); without it the layer is DGCNN's EdgeConv.
         negative_slope: LeakyReLU's slope below zero.
     """
 
@@ -70,7 +70,7 @@ class AEdgeConv(nnx.Module):
         return jax.vmap(aggregate)(center, neighbor, graph)
 
     def channel_weights(self, x: Float[Array, "b n c"], mask: Bool[Array, "b n"]) -> Float[Array, "b d"]:
-        """The weights between 0 and 1 that channel attention gives each cloud's channels, equation (12); 1 without it."""
+        """The weights between 0 and 1 that channel attention gives each cloud's channels, eq. (12); 1 without it."""
         graph, center, neighbor, folded = self._edges(x, mask)
         if self.attention is None:
             return jnp.ones((x.shape[0], center.shape[-1]), x.dtype)

@@ -8,11 +8,13 @@ import jax
 from flax import nnx
 
 from cablejax.nets.adgcnn import ADGCNN
+from cablejax.nets.adgcnn_fit import ADGCNNFit
 from cablejax.nets.baselines import DGCNN, VGG16, AlexNet, PointNet, PointNet2, ResNet50
 
 MODELS: Mapping[str, Callable[..., nnx.Module]] = MappingProxyType(
     {
         "adgcnn": ADGCNN,
+        "adgcnn_fit": ADGCNNFit,
         "dgcnn": DGCNN,
         "pointnet": PointNet,
         "pointnet2": PointNet2,

@@ -12,8 +12,9 @@ from cablejax.nets.head import PooledLayer
 from cablejax.nets.init import he_normal, lecun_normal
 from cablejax.nets.norm import BatchNorm
 from cablejax.ops.cylinder import principal_frame
+from cablejax.ops.eigen import symmetric_eigen
 from cablejax.ops.feature_graph import feature_graph
-from cablejax.ops.moments import local_moments, symmetric_eigenvalues
+from cablejax.ops.moments import local_moments
 
 LOCAL_K = (8, 32)  # neighbourhoods whose shape the network is told
 LOCAL_CHANNELS = 4 * len(LOCAL_K)
@@ -30,7 +31,7 @@ def local_shape(xyz: Float[Array, "n 3"], mask: Bool[Array, " n"]) -> Float[Arra
     found = []
     for k in LOCAL_K:
         moments = local_moments(xyz, graph[:, :k])
-        spread = jnp.sqrt(jnp.maximum(symmetric_eigenvalues(moments.covariance), 0.0))
+        spread = jnp.sqrt(jnp.maximum(symmetric_eigen(moments.covariance).values, 0.0))
         found += [spread, jnp.linalg.norm(moments.mean - xyz, axis=1, keepdims=True)]
     return jnp.where(mask[:, None], jnp.concatenate(found, axis=1) / LOCAL_MM, 0.0)
 
@@ -44,7 +45,7 @@ class PartNetwork(nnx.Module):
     Args:
         num_classes: Parts P.
         k: Neighbours per point in every graph, the point itself counted.
-        attention: Channel attention, equation (12).
+        attention: Channel attention, eq. (12).
         widths: Channels of the edge convolutions.
         shared_width: Channels of the shared layer before pooling.
         head: Channels of the layers that label.
@@ -86,19 +87,25 @@ class PartNetwork(nnx.Module):
 
     def __call__(self, xyz: Float[Array, "b n 3"], mask: Bool[Array, "b n"]) -> Float[Array, "b n parts"]:
         """Logits `[b, n, P]` of clouds in mm; rows where `mask` is False change nothing."""
-        features = jax.lax.stop_gradient(jax.vmap(self._inputs)(xyz, mask))
+        return self.label(jax.lax.stop_gradient(jax.vmap(self._inputs)(xyz, mask)), mask)[0]
+
+    def label(
+        self, features: Float[Array, "b n c"], mask: Bool[Array, "b n"]
+    ) -> tuple[Float[Array, "b n parts"], Float[Array, "b pooled"]]:
+        """Logits `[b, n, P]` of clouds given by their points' features, and the feature of each whole cloud."""
         maps, x = [features], features
         for layer in self.layers:
             x = layer(x, mask)
             maps.append(x)
         joined = jnp.concatenate(maps, axis=-1)
         weight = mask.astype(joined.dtype)
-        added = self.whole(self.shared(joined, mask))[:, None, :]
+        pooled = self.shared(joined, mask)
+        added = self.whole(pooled)[:, None, :]
         x = joined
         for linear, norm in zip(self.hidden, self.norms, strict=True):
             x = jax.nn.leaky_relu(norm(linear(x) + added, weight), 0.2)
             added = 0.0
-        return self.logits(x)
+        return self.logits(x), pooled
 
     def _inputs(self, xyz: Array, mask: Array) -> Float[Array, "n c"]:
         """Coordinates along the cloud's principal axes in scales, and the local shape."""

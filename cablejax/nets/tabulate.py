@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from flax import nnx
 
 from cablejax.nets.models import MODELS, build_model, count_parameters
+from cablejax.nets.pose import RADIUS_MM
 
 
 class Cost(NamedTuple):
@@ -56,7 +57,8 @@ def tabulate(name: str, num_classes: int = 13, *, n_points: int = 1024) -> str:
     Raises:
         ValueError: If the name is unknown.
     """
-    model = build_model(name, num_classes, rngs=nnx.Rngs(0))
+    options = {"diameters_mm": [2.0 * RADIUS_MM] * num_classes} if name == "adgcnn_fit" else {}  # sizes change no count
+    model = build_model(name, num_classes, rngs=nnx.Rngs(0), **options)
     total = count_parameters(model)
     lines = [f"{name}: {total:,} parameters, {flops(model, n_points) / 1e9:.2f} GFLOP a cloud of {n_points} points"]
     for part, parameters, shapes in parts(model):

@@ -6,6 +6,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from cablejax.ops.precision import require_float32
+from cablejax.ops.varying import varying_like
 from cablejax.types import Status
 
 WIDEST = 1.0  # radius, in root-mean-square distances of the points to their centroid, from which a fit is no cable
@@ -49,7 +51,11 @@ def cylinder_frame(
 
     Returns:
         The cylinder coordinates; zero on padding.
+
+    Raises:
+        ValueError: If the points are not float32.
     """
+    require_float32(xyz=xyz)
     n = xyz.shape[0]
     mask = jnp.ones(n, dtype=bool) if mask is None else mask
     xyz = jax.lax.stop_gradient(jnp.where(mask[:, None], xyz, 0.0))
@@ -76,7 +82,7 @@ def cylinder_frame(
         return best, (across, radius, cost)
 
     # One loop, so that the fit is compiled once: three directions, then two turns of the best.
-    start = (jnp.array(jnp.inf, xyz.dtype), principal, jnp.zeros(2, xyz.dtype))
+    start = varying_like((jnp.array(jnp.inf, xyz.dtype), principal, jnp.zeros(2, xyz.dtype)), xyz, mask)
     (_, rotation, _), last = jax.lax.scan(step, start, jnp.arange(5))
     across, radius, cost = (each[-1] for each in last)
     across, fitted = across * scale, radius * scale
@@ -110,7 +116,11 @@ def principal_frame(
 
     Returns:
         `(centroid [3], rotation [3, 3])`: rows of `rotation` are the directions.
+
+    Raises:
+        ValueError: If the points are not float32.
     """
+    require_float32(xyz=xyz)
     weight = jnp.ones(xyz.shape[0], xyz.dtype) if mask is None else mask.astype(xyz.dtype)
     total = jnp.maximum(jnp.sum(weight), 1.0)
     xyz = jnp.where(weight[:, None] > 0, xyz, 0.0)

@@ -67,7 +67,7 @@ def distance_keys(features: Float[Array, "n c"], mask: Bool[Array, " n"]) -> Flo
     if channels == 3:
         sq_dist = jnp.sum((features[:, None, :] - features[None, :, :]) ** 2, axis=-1)
     else:
-        centred = features - (jnp.sum(features, axis=0) / jnp.maximum(jnp.sum(mask), 1))[None, :]
+        centred = features - (jnp.sum(features, axis=0) / jnp.maximum(jnp.sum(mask, dtype=features.dtype), 1))[None, :]
         sq_norm = jnp.sum(centred**2, axis=-1)
         product = jnp.matmul(centred, centred.T, precision=lax.Precision.HIGHEST)
         sq_dist = jnp.maximum(sq_norm[:, None] - 2.0 * product + sq_norm[None, :], 0.0)

@@ -20,7 +20,7 @@ from cablejax.ops.precision import require_float32
 from cablejax.ops.quantile import quantile
 from cablejax.ops.sheets import own_sheet
 from cablejax.ops.slots import farthest, gather
-from cablejax.ops.surface_fit import TINY, fit_frame, fit_heights, residual
+from cablejax.ops.surface_fit import TINY, fit_frame, fit_heights, residual, without_faint
 from cablejax.types import PointCloud
 
 PILOT = 2048  # points whose neighbours predict them
@@ -112,7 +112,7 @@ def _predict(xyz: Array, neighbors: Array, centre: Array, width: Array, order: i
 
     def in_space(rows: Array, near: Array) -> tuple[Array, Array]:
         offset = gather(xyz, rows) - centre
-        return jnp.where(near, jnp.exp(-jnp.square(offset).sum(axis=0) * scale), 0.0), offset
+        return without_faint(jnp.where(near, jnp.exp(-jnp.square(offset).sum(axis=0) * scale), 0.0)), offset
 
     frame = fit_frame(in_space, neighbors)
     pilot = fit_heights(in_space, neighbors, frame, order=order)
@@ -126,7 +126,7 @@ def _predict(xyz: Array, neighbors: Array, centre: Array, width: Array, order: i
         offset = gather(xyz, rows) - centre
         off, sq_dist = off_surface(offset)
         inside = near & (sq_dist <= rim)
-        return jnp.where(inside, jnp.exp(-sq_dist * scale - jnp.square(off) * band), 0.0), offset
+        return without_faint(jnp.where(inside, jnp.exp(-sq_dist * scale - jnp.square(off) * band), 0.0)), offset
 
     fit = fit_heights(in_plane, neighbors, frame, order=order)
     # The own weight falls with the own residual alone; without its share, the height is what the others predict.

@@ -83,7 +83,7 @@ def masked_mean(values: Float[Array, "*b n c"], mask: Bool[Array, "..."]) -> Flo
     """
     if values.shape[:-1] != mask.shape:
         raise ValueError(f"mask: expected shape {list(values.shape[:-1])}, got {list(mask.shape)}")
-    count = jnp.maximum(mask.sum(axis=-1, keepdims=True), 1)
+    count = jnp.maximum(mask.sum(axis=-1, keepdims=True, dtype=values.dtype), 1)
     first = jnp.take_along_axis(values, jnp.argmax(mask, axis=-1)[..., None, None], axis=-2)
     # Relative to one of the points: a sum of coordinates far from the origin loses the digits that matter.
     offsets = jnp.where(mask[..., None], values - first, 0.0)
@@ -99,31 +99,11 @@ def masked_variance(values: Float[Array, "*b n c"], mask: Bool[Array, "..."]) ->
         1.0
     """
     centred = jnp.where(mask[..., None], values - masked_mean(values, mask)[..., None, :], 0.0)
-    return jnp.square(centred).sum(axis=(-2, -1)) / jnp.maximum(mask.sum(axis=-1), 1)
+    return jnp.square(centred).sum(axis=(-2, -1)) / jnp.maximum(mask.sum(axis=-1, dtype=values.dtype), 1)
 
 
 def masked_covariance(values: Float[Array, "*b n c"], mask: Bool[Array, "..."]) -> Float[Array, "*b c c"]:
     """Covariance `[..., c, c]` of the valid rows, divided by their number; its trace is `masked_variance`."""
     centred = jnp.where(mask[..., None], values - masked_mean(values, mask)[..., None, :], 0.0)
-    count = jnp.maximum(mask.sum(axis=-1), 1)
+    count = jnp.maximum(mask.sum(axis=-1, dtype=values.dtype), 1)
     return jnp.einsum("...ni,...nj->...ij", centred, centred) / count[..., None, None]
-
-
-def symmetric_eigenvalues(matrices: Float[Array, "*b 3 3"]) -> Float[Array, "*b 3"]:
-    """Eigenvalues of symmetric 3 by 3 matrices, the smallest first, in closed form (Smith 1961), without LAPACK's loop.
-
-    In float32 right to 1e-5 to 1e-4 of the largest; two that agree are told apart by up to 2e-4 of it.
-
-    Example:
-        >>> symmetric_eigenvalues(jnp.diag(jnp.array([3.0, 1.0, 2.0]))).round(5).tolist()
-        [1.0, 2.0, 3.0]
-    """
-    mean = jnp.trace(matrices, axis1=-2, axis2=-1) / 3
-    rest = matrices - mean[..., None, None] * jnp.broadcast_to(jnp.eye(3, dtype=matrices.dtype), matrices.shape)
-    size = jnp.sqrt(jnp.sum(rest * rest, axis=(-2, -1)) / 6)
-    unit = rest / jnp.maximum(size, jnp.finfo(matrices.dtype).tiny)[..., None, None]
-    first, second, third = unit[..., 0, :], unit[..., 1, :], unit[..., 2, :]
-    half = jnp.clip(0.5 * jnp.sum(first * jnp.cross(second, third), axis=-1), -1.0, 1.0)
-    angle = jnp.arccos(half) / 3
-    largest, smallest = mean + 2 * size * jnp.cos(angle), mean + 2 * size * jnp.cos(angle + 2 * jnp.pi / 3)
-    return jnp.stack([smallest, 3 * mean - largest - smallest, largest], axis=-1)

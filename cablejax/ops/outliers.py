@@ -96,17 +96,17 @@ def radius_outliers(
 
     Args:
         cloud: Points `[n, 3]`, any unit, with validity `[n]`.
-        radius: In the cloud's unit.
+        radius: In the cloud's unit; one that is negative or NaN leaves `Status.INVALID` and keeps nothing.
         min_neighbors: A point is kept if more than this many points, itself counted, lie within `radius`.
 
     Returns:
         Points to keep, their count within the radius, `min_neighbors`, and status.
     """
     require_float32(cloud__xyz=cloud.xyz)
-    count = radius_count(cloud.xyz, radius=radius, mask=cloud.mask, include_self=True).count
+    found = radius_count(cloud.xyz, radius=radius, mask=cloud.mask, include_self=True)
     threshold = jnp.asarray(min_neighbors, dtype=jnp.float32)
-    score = count.astype(jnp.float32)
-    return OutlierResult(_finite(cloud) & (score > threshold), score, threshold, _status(cloud, None))
+    score = found.count.astype(jnp.float32)
+    return OutlierResult(_finite(cloud) & (score > threshold), score, threshold, _status(cloud, found.status))
 
 
 @partial(jax.jit, static_argnames=("k",))
@@ -171,10 +171,10 @@ def _finite(cloud: PointCloud) -> Array:
     return cloud.mask & jnp.isfinite(cloud.xyz).all(axis=1)
 
 
-def _status(cloud: PointCloud, per_point: Array | None) -> Array:
+def _status(cloud: PointCloud, per_point: Array) -> Array:
     """The bits of the points or-ed together, with EMPTY and NOT_FINITE for the cloud."""
     valid = _finite(cloud)
     bits = {Status.EMPTY: ~valid.any(), Status.NOT_FINITE: (cloud.mask & ~valid).any()}
-    if per_point is not None:
-        bits[Status.TOO_FEW_NEIGHBORS] = ((per_point & int(Status.TOO_FEW_NEIGHBORS)) != 0).any()
+    for name in (Status.TOO_FEW_NEIGHBORS, Status.INVALID):
+        bits[name] = ((per_point & int(name)) != 0).any()
     return sum(true.astype(jnp.int32) * int(bit) for bit, true in bits.items())  # pyright: ignore[reportReturnType]

@@ -8,7 +8,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from cablejax.ops.filter_width import BAND, choose_alpha, pilot_step, try_widths, usual_noise
 from cablejax.ops.slots import Neighborhoods, farthest, gather, sum_over_slots
-from cablejax.ops.surface_fit import TINY, SurfaceFit, fit_frame, fit_heights
+from cablejax.ops.surface_fit import TINY, SurfaceFit, fit_frame, fit_heights, without_faint
 
 FACING = 0.6  # normals that differ by so much, as a distance of unit vectors, count as one kernel width apart
 UNUSUAL = 1.6  # a surface that leaves so many times the usual noise is no surface of this kernel's width
@@ -106,6 +106,7 @@ def _fit(
             cosine = jnp.abs((other[3:] * normal).sum(axis=0))  # normals have either sign
             weight = weight * jnp.exp((cosine - 1.0) / FACING**2)
         offset = (other[:3] if normal is None else gather(around.xyz, rows)) - place
+        weight = without_faint(weight)
         return weight if edge is None else weight * edge[rows], offset
 
     frame = fit_frame(sample, around.neighbors)

@@ -18,6 +18,9 @@ PIVOT = 1e-3  # least share of a term that the terms before it may leave unexpla
 THIN = (
     1e-4  # least spread across a neighbourhood, squared, of its mean square distance: one part in a hundred is a line
 )
+FAINT = (
+    1e-6  # weight that counts as none: in units of a size that it shrinks, the fourth powers of such a point overflow
+)
 ALONE = 0.9  # share of its own height in a fit from which on a point is not smoothed but interpolated
 
 Sample = Callable[[Int[Array, " m"], Bool[Array, " m"]], tuple[Float[Array, " m"], Float[Array, "3 m"]]]
@@ -85,7 +88,7 @@ def fit_frame(sample: Sample, neighbors: Int[Array, "k m"]) -> Frame:
     """Mean, size and normal of each neighbourhood."""
 
     def moments(rows: Array, near: Array) -> tuple[Array, Array, Array]:
-        weight, (x, y, z) = sample(rows, near)
+        weight, (x, y, z) = _counted(sample, rows, near)
         first, square = jnp.stack([x, y, z]), jnp.stack([x * x, y * y, z * z, x * y, y * z, z * x])
         return weight, weight[None] * first, weight[None] * square
 
@@ -110,7 +113,7 @@ def fit_heights(sample: Sample, neighbors: Int[Array, "k m"], frame: Frame, *, o
     terms = TERMS[order]
 
     def moments(rows: Array, near: Array) -> tuple[Array, ...]:
-        weight, offset = sample(rows, near)
+        weight, offset = _counted(sample, rows, near)
         u, v, height = (along(axis, offset) / frame.size for axis in (first, second, frame.normal))
         basis = monomials(u, v)[:terms]
         weighted = [weight * t for t in basis]
@@ -138,6 +141,17 @@ def fit_heights(sample: Sample, neighbors: Int[Array, "k m"], frame: Frame, *, o
         frame.normal, solution[0] * frame.size, bend, jnp.sqrt(fit.variance) * frame.size, fit.leverage * share,
         jnp.stack(solution), frame.size, degree,
     )  # fmt: skip
+
+
+def without_faint(weight: Float[Array, " m"]) -> Float[Array, " m"]:
+    """Kernel weights, zero where they are too small to count."""
+    return jnp.where(weight > FAINT, weight, 0.0)
+
+
+def _counted(sample: Sample, rows: Array, near: Array) -> tuple[Float[Array, " m"], Float[Array, "3 m"]]:
+    """A sample whose points without weight lie at the centre: far from a small neighbourhood their powers are infinite."""
+    weight, offset = sample(rows, near)
+    return weight, jnp.where((weight > 0)[None], offset, 0.0)
 
 
 class _Moments(NamedTuple):
@@ -219,11 +233,14 @@ def along(axis: Float[Array, "3 m"], offset: Float[Array, "3 m"]) -> Float[Array
     return axis[0] * offset[0] + axis[1] * offset[1] + axis[2] * offset[2]
 
 
+@jax.custom_jvp
 def least_axis(covariance: Float[Array, "6 m"]) -> tuple[Float[Array, "3 m"], Float[Array, " m"]]:
     """Unit eigenvector and value of the smallest eigenvalue of matrices xx, yy, zz, xy, yz, zx, without LAPACK's loop.
 
     The adjugate has the same eigenvectors with the products of the other two eigenvalues: squaring it again and again
     leaves the projector onto the wanted one. Where the two smallest agree to a percent, any mixture of them comes out.
+
+    Its gradient is that of perturbation theory, bounded where the axis is hardly determined (`RIDGE`).
     """
     trace = covariance[:3].sum(axis=0)
     trace = jnp.where(trace > TINY**0.5, trace, 1.0)
@@ -257,6 +274,32 @@ def least_axis(covariance: Float[Array, "6 m"]) -> tuple[Float[Array, "3 m"], Fl
     xx, yy, zz, xy, yz, zx = covariance
     value = x * x * xx + y * y * yy + z * z * zz + 2.0 * (x * y * xy + y * z * yz + z * x * zx)
     return normal, jnp.maximum(value, 0.0)
+
+
+@least_axis.defjvp
+def _least_axis_jvp(primals: tuple[Array], tangents_in: tuple[Array]) -> tuple[tuple, tuple]:
+    """The axis turns by `(C - value)^+ dC axis`, across itself."""
+    (covariance,), (change,) = primals, tangents_in
+    normal, least = least_axis(covariance)
+    trace = covariance[:3].sum(axis=0)
+    trace = jnp.where(trace > TINY**0.5, trace, 1.0)
+    first, second = tangents(normal)
+    stiff, moved = apply_symmetric(covariance / trace[None], first), apply_symmetric(covariance / trace[None], second)
+    level = least / trace - RIDGE
+    a, b, c = along(first, stiff) - level, along(first, moved), along(second, moved) - level
+    force = apply_symmetric(change / trace[None], normal)
+    p, q = along(first, force), along(second, force)
+    # Both eigenvalues left are at least RIDGE in exact numbers; rounding must not make their product vanish.
+    share = 1.0 / jnp.maximum(a * c - b * b, RIDGE * RIDGE)
+    turn = -((c * p - b * q) * share)[None] * first - ((a * q - b * p) * share)[None] * second
+    return (normal, least), (turn, along(normal, force) * trace)
+
+
+def apply_symmetric(matrix: Float[Array, "6 m"], vector: Float[Array, "3 m"]) -> Float[Array, "3 m"]:
+    """Products of symmetric matrices xx, yy, zz, xy, yz, zx with vectors."""
+    xx, yy, zz, xy, yz, zx = matrix
+    x, y, z = vector
+    return jnp.stack([xx * x + xy * y + zx * z, xy * x + yy * y + yz * z, zx * x + yz * y + zz * z])
 
 
 def tangents(normal: Float[Array, "3 m"]) -> tuple[Float[Array, "3 m"], Float[Array, "3 m"]]:

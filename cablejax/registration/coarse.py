@@ -98,7 +98,7 @@ def _motions(p: np.ndarray, q: np.ndarray, voxel: float, rng: np.random.Generato
 
 
 def _kabsch(p: Float[np.ndarray, "h k 3"], q: Float[np.ndarray, "h k 3"]) -> Float[np.ndarray, "h 4 4"]:
-    """The best motion of each set of points, equation (9) as `cablejax.ops.kabsch`, for many sets in float64."""
+    """The best motion of each set of points, eq. (9) as `cablejax.ops.kabsch`, for many sets in float64."""
     mean_p, mean_q = p.mean(axis=1), q.mean(axis=1)
     u, _, vt = np.linalg.svd((q - mean_q[:, None]).transpose(0, 2, 1) @ (p - mean_p[:, None]))
     u[:, :, 2] *= np.sign(np.linalg.det(u) * np.linalg.det(vt))[:, None]

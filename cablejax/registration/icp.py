@@ -91,7 +91,7 @@ def icp(
     k_normals: int = 20,
     least_share: float | int = LEAST_SHARE,
 ) -> RegistrationResult:
-    """Find the rigid motion, equation (9), that takes a source scan onto a target scan, from a start that is near.
+    """Find the rigid motion, eq. (9), that takes a source scan onto a target scan, from a start that is near.
 
     Directions along which the surface slides on itself are found in the normals, reported and not moved along: of the
     motions that fit equally well, a straight cable gets the one that moves its points least.

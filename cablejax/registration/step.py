@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from cablejax.ops.neighbors.kth import kth_smallest
 from cablejax.ops.rigid import se3_exp, skew
 
 Method = Literal["point", "plane", "gicp"]
@@ -78,15 +79,10 @@ def _terms(pairs: Pairs, method: Method) -> tuple[float, tuple[_Term, ...]]:
 
 
 def _median(sq: Float[Array, " n"], valid: Bool[Array, " n"]) -> Float[Array, ""]:
-    """The (lower) median of numbers that are not negative, bit by bit: sorting is slow in XLA on the CPU."""
+    """The (lower) median of numbers that are not negative."""
     bits = jax.lax.bitcast_convert_type(jnp.where(valid, sq, jnp.inf), jnp.int32)  # in the order of the numbers
-    half = (valid.sum() + 1) // 2
-
-    def halve(i, found):
-        tried = found | (1 << (30 - i))
-        return jnp.where((bits < tried).sum() < half, tried, found)
-
-    return jax.lax.bitcast_convert_type(jax.lax.fori_loop(0, 31, halve, jnp.int32(0)), jnp.float32)
+    middle = (jnp.sum(valid, dtype=jnp.int32) - 1) // 2
+    return jax.lax.bitcast_convert_type(kth_smallest(bits, middle), jnp.float32)
 
 
 def robust_weight(sq: Float[Array, " n"], valid: Bool[Array, " n"], kernel: Kernel) -> Float[Array, " n"]:

@@ -1,5 +1,6 @@
 """Self-contained HTML pages and the figures on them."""
 
+from cablejax.report.cables import cables_page, cables_picture
 from cablejax.report.measurement import measurement_page
 from cablejax.report.page import Page
 from cablejax.report.scene import point_scene, point_views, scene_figure, thin
@@ -9,6 +10,8 @@ __all__ = [
     "COLORS",
     "LINES",
     "Page",
+    "cables_page",
+    "cables_picture",
     "data_uri",
     "figure_style",
     "line_styles",

@@ -67,7 +67,7 @@ def measurement_page(
     for warning in measured.warnings:
         page.note(warning)
     page.section("Result")
-    page.table(["Quantity", "value", "95 % interval"], _quantities(measured), caption="All lengths in millimetres.")
+    page.table(["Quantity", "value", "95 % interval"], quantities(measured), caption="All lengths in millimetres.")
     if measured.nominal:
         rows = [[name, f"{100 * p:.1f} %"] for name, p in measured.nominal.items() if p >= 0.001]
         page.table(["Nominal size", "probability"], rows, caption=f"Verdict: {measured.verdict}")
@@ -91,7 +91,7 @@ def measurement_page(
     page.section("Along the cable")
     with figure_style():
         page.figure(
-            _profile(measured),
+            profile_figure(measured),
             alt="Diameter of each section along the cable with its 95 % interval.",
             caption="Circles fitted to slabs along the axis, each with its 95 % interval; the band is the overall diameter's. "
             "Triangles are the least and greatest diameter of each slab, where enough of it was seen. "
@@ -103,7 +103,7 @@ def measurement_page(
             caption="The surface unrolled. Colour is the distance from the fitted surface, positive outside.",
         )
         page.figure(
-            _section(measured, magnify),
+            section_figure(measured, magnify),
             alt="All points of the cable in the plane across its axis, with the fitted circle.",
             caption="All points of the cable seen along its axis, the fitted circle"
             + ("" if measured.free_section is None else ", dashed the free-form section")
@@ -116,6 +116,12 @@ def measurement_page(
         caption="To turn and zoom, thinned. Colour is the distance from the fitted surface; points far off it are grey.",
     )
     page.section("Uncertainty")
+    budget_table(page, measured)
+    return page.render()
+
+
+def budget_table(page: Page, measured: Measured) -> None:
+    """Add the sources of the diameter's uncertainty to a page."""
     lines = [[line.source, f"{line.std_mm:.4f}", line.kind, line.how] for line in measured.budget]
     lines.append(["together", f"{measured.std_mm:.4f}", "", "square root of the sum of squares"])
     page.table(
@@ -123,10 +129,11 @@ def measurement_page(
         lines,
         caption="Type A from the scan's own statistics, type B from other knowledge (GUM).",
     )
-    return page.render()
 
 
-def _quantities(m: Measured) -> list[list[str]]:
+def quantities(m: Measured) -> list[list[str]]:
+    """The numbers of a measurement, with their intervals."""
+
     def interval(bounds: Sequence[float] | None, digits: int) -> str:
         return "" if bounds is None else f"{bounds[0]:,.{digits}f} to {bounds[1]:,.{digits}f}"
 
@@ -178,7 +185,8 @@ def _figure(width: float, height: float) -> "Figure":
     return Figure(figsize=(width, height))
 
 
-def _profile(m: Measured) -> "Figure":
+def profile_figure(m: Measured) -> "Figure":
+    """The diameter of each section along the cable."""
     figure = _figure(6.6, 3.0)
     ax = figure.subplots()
     s, d, std = (np.asarray(a, dtype=float) for a in (m.sections.s_mm, m.sections.diameter_mm, m.sections.std_mm))
@@ -222,7 +230,8 @@ def _magnification(m: Measured) -> float:
     return max([step for step in steps if step <= most], default=1.0)
 
 
-def _section(m: Measured, magnify: float) -> "Figure":
+def section_figure(m: Measured, magnify: float) -> "Figure":
+    """The points of the cable seen along its axis, their deviations magnified, with the fitted circle."""
     figure = _figure(6.6, 5.2)
     ax = figure.subplots()
     on = np.asarray(m.keep)

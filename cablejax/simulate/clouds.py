@@ -70,8 +70,10 @@ def stratified(u: Float[Array, "*shape"], split: Array | int) -> Float[Array, "*
 def draw_cloud(
     nominal_mm: Float[Array, ""], numbers: dict[str, Array], limits: dict[str, Array], split: Int[Array, ""],
     key: PRNGKeyArray, *, lines: int, columns: int, n_points: int, cluttered: bool,
-) -> tuple[Float[Array, "n 3"], Bool[Array, " n"], Float[Array, ""]]:  # fmt: skip
-    """Points `[n, 3]` in mm at a random rotation, their mask `[n]`, and the true diameter.
+) -> tuple[Float[Array, "n 3"], Bool[Array, " n"], Float[Array, ""], Bool[Array, " n"]]:  # fmt: skip
+    """Points `[n, 3]` in mm at a random rotation, their mask `[n]`, the true diameter, which points are the cable's `[n]`.
+
+    A mixed pixel, whose beam hit two surfaces, is no point of the cable.
 
     Args:
         nominal_mm: Nominal diameter of the class.
@@ -108,6 +110,7 @@ def draw_cloud(
         rows.xyz_mm[order] @ rotation_of(gaussian(u[8:12])).T,
         jnp.arange(n_points) < jnp.sum(~rows.is_padding),
         diameter,
+        ((rows.part == Part.CABLE) & ~rows.is_mixed & ~rows.is_padding)[order],
     )
 
 

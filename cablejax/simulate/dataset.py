@@ -27,12 +27,15 @@ class Split(NamedTuple):
         mask: True where a row is a point `[clouds, n]`.
         label: Index into `DatasetConfig.sizes_mm2` `[clouds]`.
         diameter_mm: True outer diameter `[clouds]`.
+        on_cable: True where a point lies on the cable, and not on a wall, another cable or in the air `[clouds, n]`; None
+            where it is not known.
     """
 
     xyz: Float[Array, "clouds n 3"]
     mask: Bool[Array, "clouds n"]
     label: Int[Array, " clouds"]
     diameter_mm: Float[Array, " clouds"]
+    on_cable: Bool[Array, "clouds n"] | None = None
 
 
 @dataclass(frozen=True)
@@ -80,11 +83,11 @@ class DatasetConfig:
 
 @partial(jax.jit, static_argnames=("lines", "columns", "n_points", "cluttered", "canonical"))
 def _clouds(nominal_mm, numbers, limits, split, index, key, *, lines, columns, n_points, cluttered, canonical):
-    """Clouds in their pose: points `[b, n, 3]`, masks `[b, n]`, diameters `[b]`."""
+    """Clouds in their pose: points `[b, n, 3]`, masks `[b, n]`, diameters `[b]`, which points are the cable's `[b, n]`."""
     draw = partial(draw_cloud, lines=lines, columns=columns, n_points=n_points, cluttered=cluttered)
     keys = jax.vmap(jax.random.fold_in, in_axes=(None, 0))(key, index)
-    xyz, mask, diameter = jax.vmap(draw, in_axes=(0, None, None, None, 0))(nominal_mm, numbers, limits, split, keys)
-    return jax.vmap(canonical_pose if canonical else centred)(xyz, mask), mask, diameter
+    drawn = jax.vmap(draw, in_axes=(0, None, None, None, 0))(nominal_mm, numbers, limits, split, keys)
+    return jax.vmap(canonical_pose if canonical else centred)(*drawn[:2]), *drawn[1:]
 
 
 def _draw(config: DatasetConfig, split: int, label: Array, index: Array, key: PRNGKeyArray):
@@ -124,8 +127,8 @@ def make_split(config: DatasetConfig, split: str) -> Split:
         index = jnp.arange(start, start + CHUNK)
         done = jax.tree.map(np.asarray, _draw(config, number, index % classes, index, key))
         parts.append([array[: total - start] for array in done])
-    xyz, mask, diameter = (jnp.asarray(np.concatenate(arrays)) for arrays in zip(*parts, strict=True))
-    return Split(xyz, mask, jnp.arange(total) % classes, diameter)
+    xyz, mask, *rest = (jnp.asarray(np.concatenate(arrays)) for arrays in zip(*parts, strict=True))
+    return Split(xyz, mask, jnp.arange(total) % classes, *rest)
 
 
 def sample_clouds(config: DatasetConfig, n: int, *, key: PRNGKeyArray) -> Split:
@@ -141,5 +144,5 @@ def sample_clouds(config: DatasetConfig, n: int, *, key: PRNGKeyArray) -> Split:
         raise ValueError(f"n: expected at least 1, got {n!r}")
     key_order, key_clouds = jax.random.split(key)
     label = jax.random.permutation(key_order, jnp.arange(n) % len(config.sizes_mm2))
-    xyz, mask, diameter = _draw(config, 0, label, jnp.arange(n), key_clouds)
-    return Split(xyz, mask, label, diameter)
+    xyz, mask, *rest = _draw(config, 0, label, jnp.arange(n), key_clouds)
+    return Split(xyz, mask, label, *rest)

@@ -3,6 +3,8 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from cablejax.ops.cylinder import principal_frame
+
 
 def rotation_of(quaternion: Float[Array, " 4"]) -> Float[Array, "3 3"]:
     """Rotation matrix of a quaternion of any length; standard normal entries make it uniform over all rotations."""
@@ -28,9 +30,5 @@ def canonical_pose(xyz: Float[Array, "n 3"], mask: Bool[Array, " n"]) -> Float[A
     1.5 diameters; z is the direction of the smallest variance. Their signs make the third moment positive; y follows
     from the right-hand rule. A cloud seen all round has no preferred y and z, and they stay as chance has them.
     """
-    points = centred(xyz, mask)
-    _, axes = jnp.linalg.eigh(points.T @ points / jnp.maximum(jnp.sum(mask), 1))
-    along, across = axes[:, 2], axes[:, 0]
-    along = jnp.where(jnp.sum((points @ along) ** 3) < 0, -along, along)
-    across = jnp.where(jnp.sum((points @ across) ** 3) < 0, -across, across)
-    return points @ jnp.stack([along, jnp.cross(across, along), across], axis=1)
+    centroid, rotation = principal_frame(xyz, mask)
+    return jnp.where(mask[:, None], (xyz - centroid[None, :]) @ rotation.T, 0.0)

@@ -1,5 +1,5 @@
 """Point files larger than memory, cleaned tile by tile."""
 
-from cablejax.tiles.denoise import Settings, TiledResult, denoise_file
+from cablejax.tiles.denoise import Settings, TiledResult, TileError, denoise_file
 
-__all__ = ["Settings", "TiledResult", "denoise_file"]
+__all__ = ["Settings", "TileError", "TiledResult", "denoise_file"]

@@ -9,16 +9,15 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
+from cablejax.batch import Engine, Here, Task
 from cablejax.io import PointWriter, iter_points
-from cablejax.ops import Trial, choose_alpha, pilot_step, usual_noise, width_trial
-from cablejax.tiles import kernels
-from cablejax.tiles.folder import Folder, TilePoints
-from cablejax.tiles.plan import Tile, add, cut, empty_grid
+from cablejax.ops import Trial, choose_alpha, pilot_step, usual_noise
+from cablejax.tiles.folder import Folder
+from cablejax.tiles.plan import add, cut, empty_grid
 from cablejax.tiles.survey import blocks, survey, typical_reach
+from cablejax.tiles.work import QUERIES, STRAYS
 
 Progress = Callable[[str, int, int], None]
-QUERIES = 1024  # strays searched at once
-PILOTS = 256  # pilot points of a tile at once
 HALO = 1.5  # halo per reach of a typical neighbourhood
 
 
@@ -70,6 +69,7 @@ def denoise_file(
     tile_points: int = 1 << 18,
     chunk: int = 1_000_000,
     folder: str | os.PathLike[str] | None = None,
+    engine: Engine | None = None,
     progress: Progress | None = None,
 ) -> TiledResult:
     """Clean a point file of any size: `clean` on the whole cloud, to rounding, in the memory of one tile.
@@ -86,11 +86,14 @@ def denoise_file(
         tile_points: Most points of a tile with its halo: what memory goes by.
         chunk: Points read and written at once.
         folder: Where to work; beside the target if None. Deleted at the end.
+        engine: Where the tiles are worked on; in this process if None. Processes of `cablejax.batch` and workers of a
+            cluster have one thread each and give the same numbers bit for bit; this process may differ in the last.
         progress: Told the stage, how many tiles of it are done, and of how many.
 
     Raises:
         ValueError: If `tile_points` is too few for one place and its halo, or the cloud has no more than k points.
         PointFileError: If the source cannot be read or the target written.
+        TileError: If a tile's work failed, or took its process with it each time.
     """
     settings = settings or Settings()
     source, target = Path(source), Path(target)
@@ -100,7 +103,7 @@ def denoise_file(
         "unit": unit, "columns": columns, "tile_points": tile_points, "chunk": chunk, **asdict(settings),
     }  # fmt: skip
     place = Path(folder) if folder is not None else target.with_name(target.name + ".tiles")
-    run = _Run(Folder(place, job), settings, tile_points, progress or (lambda *_: None))
+    run = _Run(Folder.of_job(place, job), settings, tile_points, engine or Here(), progress or (lambda *_: None))
     run.prepare(source, unit, columns, chunk)
     run.remove_outliers()
     if settings.smooth:
@@ -110,11 +113,16 @@ def denoise_file(
     return result
 
 
+class TileError(Exception):
+    """The work on a tile failed; the message says which and why."""
+
+
 class _Run:
     """A run and what its finished stages found."""
 
-    def __init__(self, folder: Folder, settings: Settings, capacity: int, progress: Progress):
-        self.folder, self.settings, self.capacity, self.progress = folder, settings, capacity, progress
+    def __init__(self, folder: Folder, settings: Settings, capacity: int, engine: Engine, progress: Progress):
+        self.folder, self.settings, self.capacity, self.engine = folder, settings, capacity, engine
+        self.progress = progress
 
     def prepare(self, source: Path, unit: str, columns: str | None, chunk: int) -> None:
         """Read the file, cut it into tiles, and write each tile's points into a file of its own."""
@@ -133,7 +141,7 @@ class _Run:
         if plan is None:
             self.progress("cutting", 0, 1)
             plan = self.folder.finish("plan", self._cut())
-        self.tiles = [Tile(np.array(low), np.array(high), plan["halo"]) for low, high in plan["boxes"]]
+        self.halo, self.boxes = plan["halo"], [[low, high, plan["halo"]] for low, high in plan["boxes"]]
 
     def _cut(self) -> dict[str, Any]:
         settings = self.settings
@@ -152,13 +160,30 @@ class _Run:
                     self.folder.spool(i, row[near], xyz[near], tile.inner(wide[near]))
         return {"halo": halo, "boxes": [[t.lower.tolist(), t.upper.tolist()] for t in tiles]}
 
-    def _unfinished(self, stage: str) -> Iterator[tuple[int, Tile, TilePoints]]:
-        """Tiles that a stage has still to do."""
-        for i, tile in enumerate(self.tiles):
-            self.progress(stage, i, len(self.tiles))
-            if self.folder.done(f"{stage} {i}") is None:
-                yield i, tile, self.folder.tile(i)
-        self.progress(stage, len(self.tiles), len(self.tiles))
+    def _each(self, stage: str, function: str, *, box: bool = False, **arguments: Any) -> Iterator[tuple[int, Any]]:
+        """Work on the tiles that a stage has still to do: number and what was returned, in any order.
+
+        Raises:
+            TileError: If one fails.
+        """
+        todo = [i for i in range(len(self.boxes)) if self.folder.done(f"{stage} {i}") is None]
+        done = len(self.boxes) - len(todo)
+        self.progress(stage, done, len(self.boxes))
+        arguments |= {"folder": str(self.folder.path.resolve()), "capacity": self.capacity}
+        tasks = []
+        for i in todo:
+            own = {"tile": i, "box": self.boxes[i]} if box else {"tile": i}
+            tasks.append(Task(str(i), f"cablejax.tiles.work:{function}", own | arguments, os.getcwd()))
+        outcomes = self.engine.run(tasks)
+        try:
+            for outcome in outcomes:
+                if outcome.kind != "returned":
+                    raise TileError(f"{stage}: tile {outcome.name} of {len(self.boxes)}: {outcome.reason}")
+                yield int(outcome.name), outcome.value
+                done += 1
+                self.progress(stage, done, len(self.boxes))
+        finally:
+            outcomes.close()
 
     def remove_outliers(self) -> None:
         """Score all points, then compare the scores with the threshold of the whole cloud."""
@@ -166,34 +191,28 @@ class _Run:
         if self.folder.done("removal") is not None:
             return
         score = self.folder.column("score", np.float32, (self.n,))
-        for i, tile, points in self._unfinished("scoring"):
-            values, reach = kernels.scores(kernels.padded(points.xyz, self.capacity), removal_k=self.settings.removal_k)
-            mine = np.nonzero(points.inner)[0]
-            score[points.row[mine]] = np.asarray(values)[mine]
-            cut_off = np.asarray(reach)[mine] >= tile.slack(points.xyz[mine].astype(np.float64))
+        for i, cut_off in self._each("scoring", "score", box=True, removal_k=self.settings.removal_k):
+            found = self.folder.take(f"scoring {i}")
+            score[found["row"]] = found["score"]
             score.flush()
-            self.folder.finish(f"scoring {i}", points.row[mine][cut_off].tolist())
+            self.folder.finish(f"scoring {i}", cut_off)
         self._score_strays(score)
         self._threshold(score)
 
     def _score_strays(self, score: np.memmap) -> None:
         """Search the neighbours of points whose own tile does not hold them all in every tile."""
-        found = [np.array(self.folder.done(f"scoring {i}"), dtype=int) for i in range(len(self.tiles))]
+        found = [np.array(self.folder.done(f"scoring {i}"), dtype=int) for i in range(len(self.boxes))]
         rows = np.concatenate(found)
         if len(rows) == 0:
             return
         k, total = self.settings.removal_k, -(-len(rows) // QUERIES) * QUERIES
         queries = np.zeros((total, 3), dtype=np.float32)
         queries[: len(rows)] = self.points[rows]
+        np.save(self.folder.path / STRAYS, queries)
         best = np.full((total, k), np.inf, dtype=np.float32)
-        for i in range(len(self.tiles)):
-            self.progress("strays", i, len(self.tiles))
-            points = self.folder.tile(i)
-            cloud = kernels.padded(points.xyz[points.inner], self.capacity)
-            for start in range(0, total, QUERIES):
-                part = slice(start, start + QUERIES)
-                found = np.asarray(kernels.nearest(cloud, jnp.asarray(queries[part]), removal_k=k))
-                best[part] = np.sort(np.concatenate([best[part], found], axis=1), axis=1)[:, :k]
+        for i, _ in self._each("strays", "strays", removal_k=k):
+            both = np.concatenate([best, self.folder.take(f"strays {i}")["sq_dist"]], axis=1)
+            best = np.sort(both, axis=1)[:, :k]
         # The nearest is the point itself, at distance zero, which the score counts.
         score[rows] = np.sqrt(best[: len(rows)]).sum(axis=1) / k
 
@@ -212,22 +231,11 @@ class _Run:
         alpha, usual = self._width()
         moved = self.folder.column("moved", np.float32, (self.n, 3))
         options = {"k": self.settings.k, "order": self.settings.order, "refinements": self.settings.refinements}
-        for i, tile, points in self._unfinished("smoothing"):
-            cloud = kernels.padded(points.xyz, self.capacity)
-            result = kernels.smooth(cloud, self._kept(points), jnp.float32(alpha), jnp.float32(usual), **options)
-            mine = np.nonzero(points.inner & self.keep[points.row])[0]
-            xyz = np.asarray(result.xyz)[mine]
-            moved[points.row[mine]] = xyz
+        for i, sums in self._each("smoothing", "smooth", box=True, n=self.n, alpha=alpha, usual=usual, **options):
+            found = self.folder.take(f"smoothing {i}")
+            moved[found["row"]] = found["xyz"]
             moved.flush()
-            cut_off = np.asarray(result.need)[mine] >= tile.slack(points.xyz[mine].astype(np.float64))
-            step = ((xyz.astype(np.float64) - points.xyz[mine]) ** 2).sum()
-            width = float(np.asarray(result.width)[mine].sum(dtype=np.float64))
-            self.folder.finish(f"smoothing {i}", [float(step), width, int(cut_off.sum()), len(mine)])
-
-    def _kept(self, points: TilePoints) -> Any:
-        keep = np.zeros(self.capacity, dtype=bool)
-        keep[: len(points.row)] = self.keep[points.row]
-        return jnp.asarray(keep)
+            self.folder.finish(f"smoothing {i}", sums)
 
     def _width(self) -> tuple[float, float]:
         """The width of eq. (5) per local noise, and the usual noise off the surface, of the whole cloud."""
@@ -236,17 +244,10 @@ class _Run:
             return 1.0, 0.0
         if known is not None and usual is not None:
             return known, usual
-        step, parts = pilot_step(self.n), []
-        for _, _, points in self._unfinished("width"):
-            rows = np.nonzero(points.inner & (points.row % step == 0))[0]
-            cloud, keep = kernels.padded(points.xyz, self.capacity), self._kept(points)
-            for start in range(0, len(rows), PILOTS):
-                some = np.full(PILOTS, -1, dtype=np.int32)
-                part = rows[start : start + PILOTS]
-                some[: len(part)] = part
-                trial = width_trial(cloud, keep, jnp.asarray(some), k=self.settings.k, order=self.settings.order)
-                parts.append(trial)
-        whole = Trial(*(jnp.concatenate(fields, axis=-1) for fields in zip(*parts, strict=True)))
+        options = {"n": self.n, "step": pilot_step(self.n), "k": self.settings.k, "order": self.settings.order}
+        parts = {i: self.folder.take(f"width {i}") for i, _ in self._each("width", "width", **options)}
+        held = [parts[i] for i in sorted(parts) if parts[i]]  # in one order, whichever came first
+        whole = Trial(*(jnp.concatenate([part[name] for part in held], axis=-1) for name in Trial._fields))
         alpha = choose_alpha(whole)
         usual = self.folder.finish("usual noise", float(usual_noise(whole, alpha)))
         return self.folder.finish("alpha", float(alpha)), usual
@@ -271,11 +272,11 @@ class _Run:
     def _result(self) -> TiledResult:
         removal, smooth = self.folder.done("removal"), self.settings.smooth
         sums = np.zeros(4)
-        for i in range(len(self.tiles) if smooth else 0):
+        for i in range(len(self.boxes) if smooth else 0):
             sums += self.folder.done(f"smoothing {i}")
         count = max(1.0, sums[3])
         alpha = (self.folder.done("alpha") or 1.0) if smooth else None
         return TiledResult(
-            removal["points"], self.about["dropped"], removal["removed"], len(self.tiles),
-            self.tiles[0].halo, alpha, float(np.sqrt(sums[0] / count)), float(sums[1] / count), int(sums[2]),
+            removal["points"], self.about["dropped"], removal["removed"], len(self.boxes),
+            self.halo, alpha, float(np.sqrt(sums[0] / count)), float(sums[1] / count), int(sums[2]),
         )  # fmt: skip

@@ -8,6 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from cablejax.io import atomic_write
+
 STATE = "state.json"
 RECORD = np.dtype([("row", "<i8"), ("xyz", "<f4", 3), ("inner", "?")])
 
@@ -33,20 +35,23 @@ class Folder:
     the system's page cache; nothing but the tile at work is held in memory.
     """
 
-    def __init__(self, path: Path, job: dict[str, Any]):
-        self.path = path
-        state = self._read()
+    def __init__(self, path: Path, state: dict[str, Any]):
+        self.path, self.state = path, state
+
+    @classmethod
+    def of_job(cls, path: Path, job: dict[str, Any]) -> "Folder":
+        """The folder of a job, with what it knows."""
+        state = _state(path)
         if state.get("job") != job:
             shutil.rmtree(path, ignore_errors=True)
             path.mkdir(parents=True)
             state = {"job": job, "done": {}}
-        self.state: dict[str, Any] = state
+        return cls(path, state)
 
-    def _read(self) -> dict[str, Any]:
-        try:
-            return json.loads((self.path / STATE).read_text())
-        except (OSError, ValueError):
-            return {}
+    @classmethod
+    def existing(cls, path: str | Path) -> "Folder":
+        """A folder that another process leads, for the work on one of its tiles."""
+        return cls(Path(path), {})
 
     def done(self, stage: str) -> Any:
         """What a finished stage left, None if it is not finished."""
@@ -81,6 +86,19 @@ class Folder:
         record = np.fromfile(self.path / f"tile{tile}", dtype=RECORD)
         return TilePoints(record["row"], np.ascontiguousarray(record["xyz"]), record["inner"])
 
+    def leave(self, name: str, **arrays: np.ndarray) -> None:
+        """Keep a tile's arrays until they are taken, in one step."""
+        with atomic_write(self.path / f"{name}.npz") as file:
+            np.savez(file, **arrays)  # pyright: ignore[reportArgumentType] its stub takes arrays for its own options
+
+    def take(self, name: str) -> dict[str, np.ndarray]:
+        """A tile's arrays; the file goes."""
+        path = self.path / f"{name}.npz"
+        with np.load(path) as file:
+            arrays = dict(file)
+        path.unlink()
+        return arrays
+
     def clear_spool(self) -> None:
         """Delete the tiles of a spooling that was not finished."""
         for path in self.path.glob("tile*"):
@@ -89,3 +107,10 @@ class Folder:
     def remove(self) -> None:
         """Delete the folder."""
         shutil.rmtree(self.path)
+
+
+def _state(path: Path) -> dict[str, Any]:
+    try:
+        return json.loads((path / STATE).read_text())
+    except (OSError, ValueError):
+        return {}

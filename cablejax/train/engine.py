@@ -14,7 +14,7 @@ from cablejax.train.batches import Plan, epoch_rows
 from cablejax.train.config import TrainConfig
 from cablejax.train.history import EpochRecord
 from cablejax.train.memory import release_freed_memory
-from cablejax.train.metrics import Clouds, Metrics, arrays_of, has_regression, predict, score_all
+from cablejax.train.metrics import Clouds, Metrics, also_learnt, arrays_of, predict, score_all
 from cablejax.train.optimizers import OPTIMIZERS, evaluation_params, make_optimizer
 from cablejax.train.placement import Placement
 from cablejax.train.step import Data, Schedule, StepReport, TrainState, make_runner, rate_at
@@ -57,7 +57,7 @@ class Engine:
         self.schedule = Schedule(*map(np.float32, numbers))  # pyright: ignore[reportArgumentType]
         own = nnx.merge(*nnx.split(model), copy=True)
         own.train()
-        self.regression = has_regression(own)
+        self.also = also_learnt(own)
         self.graphdef, self._params, self._rest = nnx.split(own, nnx.Param, ...)
         own.eval()
         self.eval_graphdef = nnx.split(own, nnx.Param, ...)[0]
@@ -75,7 +75,7 @@ class Engine:
 
     def put(self, clouds: Clouds) -> Data:
         """The arrays of labelled clouds on the devices."""
-        return self.placement.replicate(tuple(arrays_of(clouds, diameters=self.regression)))
+        return self.placement.replicate(tuple(arrays_of(clouds, also=self.also)))
 
     def train_epoch(
         self, state: TrainState, data: Data, epoch: int, *, on_batches: Callable[[int], object] = lambda done: None

@@ -15,8 +15,8 @@ class EpochRecord:
         train_loss: Mean over the epoch's batches, in training mode, each before its update.
         train_overall: Share of the epoch's clouds classified rightly, in training mode.
         validation_loss: Mean cross-entropy after the epoch, nats.
-        validation_overall: Equation (20).
-        validation_class_average: Equation (21).
+        validation_overall: Eq. (20).
+        validation_class_average: Eq. (21).
         learning_rate: Of the last update.
         grad_norm: Mean global norm of the batches' gradients.
         seconds: Training time of the epoch; compilation and validation not counted.

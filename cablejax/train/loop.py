@@ -81,11 +81,7 @@ def fit(
     first = train(0) if callable(train) else train
     plan = make_plan(len(first.label), config, model)
     engine = Engine(model, config, plan, Placement(devices))
-    run = (
-        None
-        if folder is None
-        else RunFolder(folder, config, data_checksum(first, validation, diameters=engine.regression))
-    )
+    run = None if folder is None else RunFolder(folder, config, data_checksum(first, validation, also=engine.also))
     state, best, history = _start(engine, run)
     data = engine.put(first)
     if logger is not None:

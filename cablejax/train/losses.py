@@ -4,6 +4,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Shaped
 
+SCORE_WEIGHT = 4.0  # of the points' loss beside that of the sizes
+
 
 def cross_entropy(
     logits: Float[Array, "*b classes"], labels: Int[Array, "*b"], *, label_smoothing: float = 0.0
@@ -32,6 +34,26 @@ def cloud_mean(values: Shaped[Array, "b n"], mask: Bool[Array, "b n"]) -> Float[
         [2.0]
     """
     return jnp.sum(values, axis=1, where=mask) / jnp.maximum(jnp.sum(mask, axis=1), 1)
+
+
+def score_loss(
+    scores: Float[Array, "b n"], on_cable: Bool[Array, "b n"], mask: Bool[Array, "b n"]
+) -> Float[Array, " b"]:
+    """Cross-entropy of the points' scores against what they are, in nats, the mean over each cloud's valid points `[b]`.
+
+    Training counts it `SCORE_WEIGHT` times: until the points are known, what the sizes say of them is noise.
+
+    Args:
+        scores: Logits to be the cable's `[b, n]`.
+        on_cable: Whether they are `[b, n]`.
+        mask: True where a row is a point `[b, n]`.
+
+    Example:
+        >>> mask = jnp.array([[True, True, False]])
+        >>> score_loss(jnp.zeros((1, 3)), jnp.array([[True, False, False]]), mask).round(4).tolist()
+        [0.6931]
+    """
+    return cloud_mean(jax.nn.softplus(jnp.where(on_cable, -scores, scores)), mask)
 
 
 def gaussian_nll(mean: Float[Array, "*b"], std: Float[Array, "*b"], target: Float[Array, "*b"]) -> Float[Array, "*b"]:

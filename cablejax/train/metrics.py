@@ -1,4 +1,4 @@
-"""Overall and class-average accuracy, equations (20) and (21), and a model's evaluation on a split."""
+"""Overall and class-average accuracy, eqs. (20) and (21), and a model's evaluation on a split."""
 
 from functools import partial
 from typing import Any, NamedTuple, Protocol, runtime_checkable
@@ -47,8 +47,8 @@ class Metrics(NamedTuple):
     """What an evaluation found.
 
     Attributes:
-        overall: Share of clouds classified rightly, equation (20), in 0..1.
-        class_average: Mean over the classes present of that share within the class, equation (21).
+        overall: Share of clouds classified rightly, eq. (20), in 0..1.
+        class_average: Mean over the classes present of that share within the class, eq. (21).
         loss: Mean cross-entropy, nats.
         confusion: Counts `[C, C]`, rows the true class, columns the predicted one.
         diameter: Of a network with a regression head, else None.
@@ -73,13 +73,13 @@ def confusion_matrix(labels: np.ndarray, predicted: np.ndarray, num_classes: int
 
 
 def overall_accuracy(confusion: np.ndarray) -> float:
-    """Equation (20) as a share of 1: right answers over all; NaN without samples."""
+    """Eq. (20) as a share of 1: right answers over all; NaN without samples."""
     total = confusion.sum()
     return float(np.trace(confusion) / total) if total else float("nan")
 
 
 def class_average_accuracy(confusion: np.ndarray) -> float:
-    """Equation (21) as a share of 1: the mean over classes of the share that is right; classes without samples left out.
+    """Eq. (21) as a share of 1: the mean over classes of the share that is right; classes without samples left out.
 
     Example:
         >>> class_average_accuracy(np.array([[8, 0], [1, 1]]))
@@ -124,32 +124,35 @@ def eval_copy(model: nnx.Module) -> nnx.Module:
     return other
 
 
-def has_regression(model: nnx.Module) -> bool:
-    """Whether a network tells the diameter too, by `with_diameter`."""
-    return getattr(model, "diameter", None) is not None
+def also_learnt(model: nnx.Module) -> str | None:
+    """Field of a split that a network learns beside the classes.
+
+    "diameter_mm" where it has a regression head (`with_diameter`), "on_cable" where it scores the points (`estimate`).
+    """
+    if hasattr(model, "estimate"):
+        return "on_cable"
+    return "diameter_mm" if getattr(model, "diameter", None) is not None else None
 
 
-def diameters_of(split: Clouds) -> np.ndarray:
-    """True outer diameters in mm `[N]`.
+def field_of(split: Clouds, name: str) -> np.ndarray:
+    """A field of a split that not every network learns.
 
     Raises:
-        ValueError: If the split does not know them.
+        ValueError: If the split does not know it.
     """
-    if not hasattr(split, "diameter_mm"):
-        raise ValueError(
-            "split: expected clouds with diameter_mm, which a network with a regression head learns; got none"
-        )
-    return np.asarray(split.diameter_mm, np.float32)  # pyright: ignore[reportAttributeAccessIssue]
+    if getattr(split, name, None) is None:
+        raise ValueError(f"split: expected clouds with {name}, which this network learns; got none")
+    return np.asarray(getattr(split, name))
 
 
-def arrays_of(split: Clouds, *, diameters: bool) -> list[np.ndarray]:
-    """What training takes of a split: points, masks, classes, and for a regression head the diameters."""
+def arrays_of(split: Clouds, *, also: str | None) -> list[np.ndarray]:
+    """What training takes of a split: points, masks, classes, and what `also_learnt` names."""
     arrays = [np.asarray(each) for each in (split.xyz, split.mask, split.label)]
-    return [*arrays, diameters_of(split)] if diameters else arrays
+    return arrays if also is None else [*arrays, field_of(split, also)]
 
 
 def predict(graphdef: Any, state: Any, split: Clouds, *, batch_size: int) -> tuple[np.ndarray, ...]:
-    """Logits of a split, `[N, C]` or by point `[N, n, C]`; with a regression head also `SizeEstimate`'s rest.
+    """Logits of a split, `[N, C]` or by point `[N, n, C]`; of a network that tells diameters also `SizeEstimate`'s rest.
 
     The model is one split by `nnx.split`.
     """
@@ -173,7 +176,7 @@ def score_all(outputs: tuple[np.ndarray, ...], split: Clouds) -> Metrics:
     return (
         metrics
         if len(outputs) == 1
-        else metrics._replace(diameter=diameter_score(outputs[1], outputs[2], diameters_of(split)))
+        else metrics._replace(diameter=diameter_score(outputs[1], outputs[2], field_of(split, "diameter_mm")))
     )
 
 
@@ -204,8 +207,9 @@ def score(logits: np.ndarray, labels: np.ndarray) -> Metrics:
 
 @partial(jax.jit, static_argnums=0)
 def _outputs(graphdef: Any, state: Any, xyz: Array, mask: Array, row: Int[Array, " b"]) -> tuple[Array, ...]:
-    """Logits `[b, C]` of the clouds of a batch; with a regression head diameters and deviations too."""
+    """Logits `[b, C]` of the clouds of a batch; of a network that tells diameters these and their deviations too."""
     model = nnx.merge(graphdef, state, copy=True)
-    if has_regression(model):
-        return tuple(model.with_diameter(xyz[row], mask[row]))
-    return (model(xyz[row], mask[row]),)
+    also = also_learnt(model)
+    if also is None:
+        return (model(xyz[row], mask[row]),)
+    return tuple((model.estimate if also == "on_cable" else model.with_diameter)(xyz[row], mask[row]))[:3]

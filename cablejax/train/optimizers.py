@@ -33,7 +33,7 @@ OPTIMIZERS: Mapping[str, Recipe] = MappingProxyType(
         # Gradient descent on the whole set, which the paper abbreviates SGD and sets apart from MBGD.
         "sgd": Recipe(optax.sgd, {}, 0.1, full_set=True),
         "mbgd": Recipe(optax.sgd, {}, 0.05),
-        # Zeiler's rho and eps; equations (18)-(19) have no learning rate, which is a rate of 1.
+        # Zeiler's rho and eps; eqs. (18)-(19) have no learning rate, which is a rate of 1.
         "adadelta": Recipe(optax.adadelta, {"rho": 0.95, "eps": 1e-6}, 1.0),
         "adagrad": Recipe(optax.adagrad, {"initial_accumulator_value": 0.1, "eps": 1e-7}, 0.01),
         "rmsprop": Recipe(optax.rmsprop, {"decay": 0.9, "eps": 1e-8}, 0.001),
@@ -59,7 +59,7 @@ def make_optimizer(
     Args:
         name: One of `OPTIMIZERS`. "sgd" is the full-set method: the update itself is "mbgd"'s, and the training loop
             gives it the mean gradient of the whole set.
-        learning_rate: Always explicit; 1.0 is Adadelta as published, equations (17)-(19).
+        learning_rate: Always explicit; 1.0 is Adadelta as published, eqs. (17)-(19).
         clip_norm: Gradients of a larger global norm are scaled down to it; None leaves them.
         **options: The optimizer's own, in place of the recipe's.
 

@@ -14,11 +14,11 @@ from cablejax.train.config import TrainConfig
 from cablejax.train.metrics import Clouds, arrays_of
 
 
-def data_checksum(*splits: Clouds | None, diameters: bool = False) -> str:
-    """SHA-256 over the arrays of the splits, shapes included; the diameters count where a network learns them."""
+def data_checksum(*splits: Clouds | None, also: str | None = None) -> str:
+    """SHA-256 over the arrays of the splits that a network learns from, shapes included; see `also_learnt`."""
     digest = hashlib.sha256()
     for split in splits:
-        for array in () if split is None else arrays_of(split, diameters=diameters):
+        for array in () if split is None else arrays_of(split, also=also):
             host = np.ascontiguousarray(array)
             digest.update(f"{host.dtype.str}{host.shape}".encode())
             digest.update(host.data)

@@ -10,7 +10,8 @@ from flax import nnx
 from jaxtyping import Array, Float, Int, Num
 
 from cablejax.train.config import MATMUL_PRECISION, TrainConfig
-from cablejax.train.losses import cloud_mean, cross_entropy, gaussian_nll
+from cablejax.train.losses import SCORE_WEIGHT, cloud_mean, cross_entropy, gaussian_nll, score_loss
+from cablejax.train.metrics import also_learnt
 from cablejax.train.transfer import frozen_updates
 
 
@@ -60,7 +61,7 @@ class Schedule(NamedTuple):
     total: Float[Array, ""]
 
 
-Data = tuple[Array, ...]  # xyz, mask, label, and for a regression head the diameters in mm
+Data = tuple[Array, ...]  # xyz, mask, label, and what `also_learnt` names
 Runner = Callable[[TrainState, Data, Int[Array, "s b"], Schedule], tuple[TrainState, StepReport]]
 
 
@@ -87,14 +88,18 @@ def make_runner(
     """
 
     def loss_of(
-        params: Any, rest: Any, xyz: Array, mask: Array, label: Array, diameter_mm: Array | None = None
+        params: Any, rest: Any, xyz: Array, mask: Array, label: Array, learnt: Array | None = None
     ) -> tuple[Array, tuple[Any, Array]]:
         model = nnx.merge(graphdef, params, rest, copy=True)
-        if diameter_mm is None:
+        also = also_learnt(model)
+        if learnt is None:
             logits, off = model(xyz, mask), 0.0
+        elif also == "on_cable":
+            logits, _, _, scores = model.estimate(xyz, mask)
+            off = SCORE_WEIGHT * jnp.mean(score_loss(scores, learnt, mask))
         else:
             logits, mean, std = model.with_diameter(xyz, mask)
-            off = jnp.mean(gaussian_nll(mean, std, diameter_mm))
+            off = jnp.mean(gaussian_nll(mean, std, learnt))
         each = cross_entropy(logits, label, label_smoothing=config.label_smoothing)
         right = jnp.argmax(logits, axis=-1) == label
         if label.ndim == 2:  # the points are labelled: every cloud counts by the mean over its own

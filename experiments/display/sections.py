@@ -12,6 +12,7 @@ from experiments.display import (
     network_tables,
     optimizer_figures,
     optimizer_tables,
+    rejection_tables,
     short,
     study_figures,
     study_tables,
@@ -96,6 +97,13 @@ SECTIONS = (
         "ADGCNN trained twice as long as for Figure 8, and trained on clouds of the hardest kind, each beside a cylinder fit.",
         ("standard_adgcnn", "hard_adgcnn"),
         (network_tables.versions,),
+    ),
+    Section(
+        "Finding the cable first",
+        "A network that says which points are the cable's, with a cylinder fitted to those, beside fits to all points and to the "
+        "true ones.",
+        ("rejection",),
+        (of("rejection", rejection_tables.ways), of("rejection", rejection_tables.arcs)),
     ),
     Section(
         "Optimizers",

@@ -308,6 +308,22 @@ def test_classify_wants_a_run_of_the_trainer(capsys, scan, tmp_path):
     assert (code, "no run.json" in err) == (1, True)
 
 
+def test_classify_takes_a_network_of_the_package(capsys, scan):
+    code, out, err = run(capsys, "classify", scan, "--unit", "mm", "--json")
+    assert code == 0
+    found = json.loads(out)
+    assert found["model"] in ("adgcnn", "adgcnn_fit")
+    assert found["network"] in err
+    assert found["size_mm2"] == "150"  # 30.1 mm; the scan's cable has 30
+    assert sum(found["probabilities"].values()) == pytest.approx(1)
+
+
+def test_classify_refuses_a_network_that_is_none(capsys, scan):
+    code, out, err = run(capsys, "classify", scan, "--unit", "mm", "--quiet", "--network", "lenet")
+    assert (code, out, err.count("\n")) == (1, "", 1)
+    assert "--network: expected one of adgcnn, " in err
+
+
 @pytest.fixture(scope="module")
 def parts_run(tmp_path_factory):
     """A run of experiments.parts whose network has learnt nothing, on clouds that are none."""

@@ -1,4 +1,4 @@
-"""The attention that is drawn is that of equation (12), and a run's results file holds it for three sizes."""
+"""The attention that is drawn is that of eq. (12), and a run's results file holds it for three sizes."""
 
 import jax
 import jax.numpy as jnp

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cablejax.cli import batch, main, measure
+from cablejax.batch import columns_of
+from cablejax.cli import main, measure
 from cablejax.io import atomic_write, read_points, write_points
 from tests.kinds.test_wrong_data import write_e57
 from tests.reference.circles import bent_cable
@@ -207,8 +208,8 @@ resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))
 sys.exit(main(sys.argv[1:]))
 """
 # A page without a measurement: what is tried is the disk.
-PAGE = "import cablejax.report, cablejax.measure\nmeasure._one = lambda options: measure._save_report(options, '<html>' * 100)"
-ROW = "measure._one = lambda options: {'file': 'a' * 200, 'error': 'e'}"
+PAGE = "import cablejax.report, cablejax.measure\nmeasure.one = lambda options: measure._save_report(options, '<html>' * 100)"
+ROW = "measure.one = lambda options: {'file': 'a' * 200, 'error': 'e'}"
 
 
 @POSIX
@@ -217,7 +218,7 @@ ROW = "measure._one = lambda options: {'file': 'a' * 200, 'error': 'e'}"
     [
         (["report", "a.ply", "old.html", "--unit", "mm"], PAGE),
         (["measure", "a.ply", "--report", "old.html", "--unit", "mm"], PAGE),
-        (["measure", ".", "--csv", "old.csv", "--unit", "mm"], ROW),
+        (["measure", ".", "--csv", "old.csv", "--unit", "mm", "--jobs", "0"], ROW),
     ],
 )
 def test_a_full_disk_under_a_report_or_a_table(tmp_path, arguments, patch):
@@ -242,7 +243,7 @@ def fake(monkeypatch, **of_name):
             raise result
         return {"file": options.scan, "diameter_mm": result, "interval_mm": (result - 1, result + 1), "verdict": None}
 
-    monkeypatch.setattr(measure, "_one", one)
+    monkeypatch.setattr(measure, "one", one)
 
 
 def table_of(path: Path) -> dict[str, dict[str, str]]:
@@ -258,8 +259,12 @@ OTHERS = [".hidden.ply", "._mac.ply", ".a.ply.0badcafe.part", "scans.tar.gz", "o
 def test_what_is_no_scan_is_left_alone(tmp_path, capsys, monkeypatch, name):
     fake(monkeypatch)
     (tmp_path / "a.ply").write_text("a scan")
-    (tmp_path / name).write_text(",".join(batch.COLUMNS) + "\n" if name == "last.csv" else "something else")
-    assert main(["measure", str(tmp_path), "--csv", str(tmp_path / "now.csv"), "--quiet"]) == 0
+    (tmp_path / name).write_text(
+        ",".join([column.name for column in columns_of(measure.COLUMNS)]) + "\n"
+        if name == "last.csv"
+        else "something else"
+    )
+    assert main(["measure", str(tmp_path), "--csv", str(tmp_path / "now.csv"), "--jobs", "0", "--quiet"]) == 0
     assert list(table_of(tmp_path / "now.csv")) == ["a.ply"]
 
 
@@ -268,7 +273,7 @@ def test_what_is_a_scan_is_measured(tmp_path, capsys, monkeypatch, name):
     fake(monkeypatch)
     for scan in ("a.ply", name):
         (tmp_path / scan).write_text("a scan")
-    assert main(["measure", str(tmp_path), "--csv", str(tmp_path / "now.csv"), "--quiet"]) == 0
+    assert main(["measure", str(tmp_path), "--csv", str(tmp_path / "now.csv"), "--jobs", "0", "--quiet"]) == 0
     assert list(table_of(tmp_path / "now.csv")) == ["a.ply", name]
 
 
@@ -287,7 +292,7 @@ def test_one_scan_that_crashes_costs_no_other(tmp_path, capsys, monkeypatch, cra
     fake(monkeypatch, b=crash)
     for name in ("a.ply", "b.ply", "c.ply"):
         (tmp_path / name).write_text("a scan")
-    assert main(["measure", str(tmp_path), "--csv", str(tmp_path / "now.csv"), "--quiet"]) == 0
+    assert main(["measure", str(tmp_path), "--csv", str(tmp_path / "now.csv"), "--jobs", "0", "--quiet"]) == 0
     rows = table_of(tmp_path / "now.csv")
     assert [row["diameter_mm"] for row in rows.values()] == ["30.0", "", "30.0"]
     assert type(crash).__name__ in rows["b.ply"]["error"]
@@ -297,7 +302,7 @@ def test_rows_are_there_as_soon_as_they_are_known(tmp_path, capsys, monkeypatch)
     fake(monkeypatch, c=KeyboardInterrupt())
     for name in ("a.ply", "b.ply", "c.ply"):
         (tmp_path / name).write_text("a scan")
-    assert main(["measure", str(tmp_path), "--csv", str(tmp_path / "now.csv"), "--quiet"]) == 130
+    assert main(["measure", str(tmp_path), "--csv", str(tmp_path / "now.csv"), "--jobs", "0", "--quiet"]) == 130
     assert list(table_of(tmp_path / "now.csv")) == ["a.ply", "b.ply"]
 
 

@@ -328,19 +328,20 @@ def test_coordinates_that_float32_would_spoil_are_refused(form):
     with pytest.raises(ValueError, match=r"xyz: expected coordinates near the origin, .* subtract a shift first"):
         PointCloud.from_xyz(given)
     shifted = np.asarray(given) - np.median(np.asarray(given), axis=0)
-    assert PointCloud.from_xyz(shifted).mask.all()
+    assert PointCloud.from_xyz(shifted).mask.sum() == len(shifted)
 
 
 def test_coordinates_that_float32_holds_are_taken_wherever_they_are():
     for xyz in (XYZ, XYZ + 1000, (XYZ + 1e6).astype(np.float32), np.round(XYZ) + 1e6, UTM[None], [[np.nan, 0, 0]]):
-        assert len(PointCloud.from_xyz(xyz).xyz) == len(xyz)
+        assert PointCloud.from_xyz(xyz).mask.sum() == len(xyz)
 
 
 def test_capacities_are_few(tmp_path):
     sizes = [capacity_for(n) for n in range(1, 5000)]
     assert all(n <= size < 1.125 * n + 1 for n, size in enumerate(sizes, 1))
     assert len({size for size in sizes if 1024 < size <= 4096}) == 16
-    cloud = PointCloud.from_xyz(XYZ, capacity="auto")
+    cloud = PointCloud.from_xyz(XYZ)
     assert (len(cloud.xyz), int(cloud.mask.sum())) == (capacity_for(N), N)
     write_points(tmp_path / "a.ply", XYZ)
-    assert len(read_points(tmp_path / "a.ply").cloud().xyz) == N
+    assert len(read_points(tmp_path / "a.ply").cloud().xyz) == capacity_for(N)
+    assert len(PointCloud.from_xyz(XYZ, capacity=N).xyz) == N

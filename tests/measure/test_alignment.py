@@ -3,7 +3,8 @@
 import numpy as np
 
 from cablejax.measure import measure_cable
-from cablejax.measure.alignment import blocks, shared_errors
+from cablejax.measure.fit.sweeps import blocks
+from cablejax.measure.uncertainty.alignment import shared_errors
 from tests.reference.circles import bent_cable
 
 SHIFT = np.array([[0.0, 0.0, 0.0], [0.0, 0.08, -0.1], [0.0, -0.05, 0.09]])

@@ -7,9 +7,10 @@ import jax
 import numpy as np
 import pytest
 
-from cablejax.measure import Instrument, MeasureError, MeasureSettings, cable, measure_cable
-from cablejax.measure.axis import Place, locate, sampled, spot
-from cablejax.measure.beams import _scanned, clear_of_the_rim
+from cablejax.measure import Instrument, MeasureError, MeasureSettings, measure_cable
+from cablejax.measure.fit import full
+from cablejax.measure.fit.axis import Place, locate, sampled, spot
+from cablejax.measure.fit.beams import _scanned, clear_of_the_rim
 from cablejax.simulate import PRESETS, make_scene, scan_scene
 
 RADIUS = 10.0
@@ -130,6 +131,6 @@ def test_numbers_with_which_the_cable_is_not_seen_again_are_said_to_be_doubtful(
     def refuse(*_):
         raise MeasureError("Too few points on the cable: 3 where at least 30 are needed.")
 
-    monkeypatch.setattr(cable, "known_beam_bias", refuse)
+    monkeypatch.setattr(full, "known_beam_bias", refuse)
     with pytest.raises(MeasureError, match=r"does not show it \(Too few points .* needed\)\. Are the numbers right\?"):
         measure_cable(swept(0.05), settings=MeasureSettings(instrument=Instrument(0.05)))

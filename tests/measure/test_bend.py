@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from cablejax.measure.axis import sampled
-from cablejax.measure.bend import tightest_bend
+from cablejax.measure.fit.axis import sampled
+from cablejax.measure.shape.bend import tightest_bend
 
 RADIUS, WINDOW, STEP = 450.0, 120.0, 3.0
 

@@ -5,11 +5,12 @@ import pytest
 
 from benchmarks.real import summary, verdict
 from cablejax.measure import MeasureError
-from cablejax.measure.axis import sampled
-from cablejax.measure.ends import extent, joined
-from cablejax.measure.fit import CableFit, fit_cable
-from cablejax.measure.sections import BIN_DEG, arc_of, bins_of
-from cablejax.measure.structure import UNSEEN, flat_faces, shared_mm
+from cablejax.measure.fit.axis import sampled
+from cablejax.measure.fit.least_squares import CableFit, fit_cable
+from cablejax.measure.shape.ends import extent, joined
+from cablejax.measure.shape.faces import flat_faces
+from cablejax.measure.shape.sections import BIN_DEG, arc_of, bins_of
+from cablejax.measure.uncertainty.shared_errors import UNSEEN, shared_mm
 
 RADIUS, LENGTH = 15.0, 120.0
 

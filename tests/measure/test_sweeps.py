@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from cablejax.measure import measure_cable
-from cablejax.measure.axis import Place
-from cablejax.measure.beams import incidence
-from cablejax.measure.sweeps import at_the_edge, sweeps_of
+from cablejax.measure.fit.axis import Place
+from cablejax.measure.fit.beams import incidence
+from cablejax.measure.fit.sweeps import at_the_edge, sweeps_of
 
 SHIFT = np.array([[0.0, 0.0, 0.0], [0.0, 0.08, -0.1], [0.0, -0.05, 0.09]])
 

@@ -198,7 +198,7 @@ def test_unknown_names_and_options_are_refused():
         build_model("pointnet", 3, rngs=nnx.Rngs(0), depth=3)
     with pytest.raises(ValueError, match="pose: expected one of"):
         build_model("adgcnn", 3, rngs=nnx.Rngs(0), pose="sideways")
-    assert set(MODELS) == {"adgcnn", "dgcnn", "pointnet", "pointnet2", "alexnet", "vgg16", "resnet50"}
+    assert set(MODELS) == {"adgcnn", "adgcnn_fit", "dgcnn", "pointnet", "pointnet2", "alexnet", "vgg16", "resnet50"}
 
 
 @pytest.mark.parametrize("name", ["adgcnn", "dgcnn", "pointnet", "pointnet2"])

@@ -71,7 +71,7 @@ def test_attention_to_look_at_is_equation_12():
 
 
 def literal(features, kernel, scale, shift, weights, graph):
-    """Equations (11)-(14) as they stand, with a tensor per edge."""
+    """Eqs. (11)-(14) as they stand, with a tensor per edge."""
     valid = graph >= 0
     edges = (edge_features(features, graph) @ kernel) * scale[None, None, :] + shift[None, None, :]
     edges = edges * channel_attention(edges, valid, weights)[None, None, :]

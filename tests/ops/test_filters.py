@@ -1,4 +1,4 @@
-"""The adaptive filter against equations (2)-(8) in NumPy float64, and what it does to a cable."""
+"""The adaptive filter against eqs. (2)-(8) in NumPy float64, and what it does to a cable."""
 
 import jax
 import jax.numpy as jnp
@@ -21,8 +21,13 @@ def half_cylinder(n, *, radius=15.0, noise=0.3, length=30.0, seed=3):
     return np.stack([r * np.cos(angle), r * np.sin(angle), rng.uniform(0, length, n)], axis=1).astype(np.float32)
 
 
+def exact(xyz):
+    """A cloud without padding."""
+    return PointCloud.from_xyz(xyz, capacity=len(xyz))
+
+
 def cloud(n=N, **kwargs):
-    return PointCloud.from_xyz(half_cylinder(n, radius=5.0, length=10.0, **kwargs))
+    return exact(half_cylinder(n, radius=5.0, length=10.0, **kwargs))
 
 
 @pytest.mark.parametrize(
@@ -57,17 +62,17 @@ def test_iterations_apply_the_filter_again(order):
 @pytest.mark.parametrize("order", [0, 2])
 def test_rotation_translation_and_order_of_points(order):
     points, rng = half_cylinder(N, radius=5.0, length=10.0), np.random.default_rng(0)
-    plain = np.asarray(adaptive_filter(PointCloud.from_xyz(points), order=order, **SETTINGS).xyz)
+    plain = np.asarray(adaptive_filter(exact(points), order=order, **SETTINGS).xyz)
     rotation = np.linalg.qr(rng.normal(size=(3, 3)))[0].astype(np.float32)
-    turned = adaptive_filter(PointCloud.from_xyz(points @ rotation), order=order, **SETTINGS).xyz
+    turned = adaptive_filter(exact(points @ rotation), order=order, **SETTINGS).xyz
     np.testing.assert_allclose(turned, plain @ rotation, atol=1e-3)
     # float32 holds coordinates near 1e4 to 5e-4: half of that moves every input, and a point on the edge of a
     # neighbourhood in or out, so a few outputs jump.
-    moved = adaptive_filter(PointCloud.from_xyz(points + np.float32(1e4)), order=order, **SETTINGS).xyz
+    moved = adaptive_filter(exact(points + np.float32(1e4)), order=order, **SETTINGS).xyz
     change = np.abs(np.asarray(moved, dtype=np.float64) - 1e4 - plain).max(axis=1)
     assert np.quantile(change, 0.98) < 5e-3
     shuffle = rng.permutation(N)
-    shuffled = adaptive_filter(PointCloud.from_xyz(points[shuffle]), order=order, **SETTINGS).xyz
+    shuffled = adaptive_filter(exact(points[shuffle]), order=order, **SETTINGS).xyz
     np.testing.assert_allclose(shuffled, plain[shuffle], atol=1e-4)
 
 
@@ -77,7 +82,7 @@ def test_padding_and_points_that_are_not_finite_come_back_unchanged(order):
     padded = np.concatenate([points, np.full((20, 3), 7.0), np.full((1, 3), np.nan)]).astype(np.float32)
     mask = jnp.arange(N + 21) < N
     result = adaptive_filter(PointCloud(jnp.asarray(padded), mask.at[-1].set(True)), order=order)
-    alone = adaptive_filter(PointCloud.from_xyz(points), order=order)
+    alone = adaptive_filter(exact(points), order=order)
     np.testing.assert_allclose(result.xyz[:N], alone.xyz, atol=1e-4)
     np.testing.assert_array_equal(result.xyz[N:], padded[N:])
     np.testing.assert_array_equal(np.asarray(result.status[N:]), [0] * 20 + [Status.NOT_FINITE])
@@ -87,7 +92,7 @@ def test_padding_and_points_that_are_not_finite_come_back_unchanged(order):
 @pytest.mark.parametrize(("radius", "noise"), [(15.0, 0.385), (2.5, 0.05), (60.0, 0.1)])
 def test_order_two_keeps_the_diameter_and_order_zero_does_not(radius, noise):
     points = half_cylinder(4000, radius=radius, noise=noise, length=1.5 * radius)
-    xyz = [np.asarray(adaptive_filter(PointCloud.from_xyz(points), order=o).xyz, dtype=np.float64) for o in (0, 2)]
+    xyz = [np.asarray(adaptive_filter(exact(points), order=o).xyz, dtype=np.float64) for o in (0, 2)]
     inside = (points[:, 2] > 0.2 * radius) & (points[:, 2] < 1.3 * radius) & (points[:, 1] > 0.3 * radius)
     shrunk, kept = ((np.hypot(p[:, 0], p[:, 1]) - radius)[inside] for p in xyz)
     # The mean of the noise itself over the points inside is unknown to sigma / sqrt(n): three of those.
@@ -188,7 +193,7 @@ def test_neighbours_found_before_are_the_same():
 
 def test_the_width_follows_the_noise_and_the_curvature():
     widths = [
-        float(jnp.median(adaptive_filter(PointCloud.from_xyz(half_cylinder(4000, radius=r, noise=s)), order=2).width))
+        float(jnp.median(adaptive_filter(exact(half_cylinder(4000, radius=r, noise=s)), order=2).width))
         for r, s in ((7.5, 0.385), (7.5, 0.8), (30.0, 0.385))
     ]
     assert widths[1] > 1.1 * widths[0]

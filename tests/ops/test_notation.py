@@ -5,13 +5,19 @@ from pathlib import Path
 
 import pytest
 
-import cablejax.ops
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = [
+    *(ROOT / "cablejax").rglob("*.py"),
+    *(ROOT / "docs").glob("*.md"),
+    *(ROOT / "conf").rglob("*.yaml"),
+    ROOT / "PAPER.md",
+]
+OTHER = re.compile(
+    r"(?<!-)\b(equations?\s*\(?\d|equations? \(|eqs?\.? ?\d|eqs? \(|eqn)", re.IGNORECASE
+)  # -eq 1 is the shell's
 
-MODULES = sorted(Path(cablejax.ops.__file__).parent.rglob("*.py"))
-OTHER = re.compile(r"\bequations?\s*\(?\d|\bequations? \(|\beqs?\.? ?\d|\beqs? \(|\beqn", re.IGNORECASE)
 
-
-@pytest.mark.parametrize("path", MODULES, ids=lambda p: p.name)
+@pytest.mark.parametrize("path", sorted(PAGES), ids=lambda p: str(p.relative_to(ROOT)))
 def test_equations_are_cited_in_one_way(path):
     assert OTHER.findall(path.read_text()) == []
 

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from cablejax.ops.neighbors.kth import kth_smallest
 from cablejax.ops.quantile import quantile
 
 
@@ -32,3 +33,22 @@ def test_nothing_valid_gives_zero():
 def test_gradient_goes_to_the_two_values_between():
     values = jnp.asarray([4.0, 1.0, 3.0, 2.0])
     np.testing.assert_allclose(jax.grad(quantile)(values, jnp.ones(4, dtype=bool), 0.5), [0, 0, 0.5, 0.5])
+
+
+@pytest.mark.parametrize("coarse", [0, 13])
+@pytest.mark.parametrize("most", [3, 2**31 - 1])  # many equal ones, and all that there are
+def test_kth_smallest_equals_a_sort(most, coarse):
+    numbers = np.random.default_rng(3).integers(0, most, size=(4, 50), endpoint=True).astype(np.int32)
+    rank = np.array([0, 1, 24, 49])
+    exact = np.sort(numbers, axis=1)[np.arange(4), rank]
+    found = kth_smallest(jnp.asarray(numbers), jnp.asarray(rank), coarse=coarse)
+    np.testing.assert_array_equal(found, exact >> coarse << coarse)
+    np.testing.assert_array_equal(kth_smallest(jnp.asarray(numbers), 7), np.sort(numbers, axis=1)[:, 7])
+
+
+def test_kth_smallest_of_floats_by_their_bits():
+    values = np.abs(np.random.default_rng(3).normal(size=101)).astype(np.float32)
+    with jax.enable_x64():
+        found = kth_smallest(jax.lax.bitcast_convert_type(jnp.asarray(values), jnp.int32), 50)
+    assert found.dtype == jnp.int32
+    assert np.asarray(found).view(np.float32) == np.median(values)

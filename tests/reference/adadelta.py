@@ -1,4 +1,4 @@
-"""Adadelta as printed, equations (15)-(19), in float64."""
+"""Adadelta as printed, eqs. (15)-(19), in float64."""
 
 import numpy as np
 
@@ -10,9 +10,9 @@ def descend(gradient, theta: np.ndarray, steps: int, *, rho: float = 0.95, eps: 
     path = [theta]
     for _ in range(steps):
         g = gradient(theta)
-        squared_gradient = rho * squared_gradient + (1 - rho) * g**2  # equation (17)
-        update = -np.sqrt(squared_update + eps) / np.sqrt(squared_gradient + eps) * g  # equation (18)
+        squared_gradient = rho * squared_gradient + (1 - rho) * g**2  # eq. (17)
+        update = -np.sqrt(squared_update + eps) / np.sqrt(squared_gradient + eps) * g  # eq. (18)
         squared_update = rho * squared_update + (1 - rho) * update**2
-        theta = theta + update  # equation (19)
+        theta = theta + update  # eq. (19)
         path.append(theta)
     return np.array(path)

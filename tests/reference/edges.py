@@ -1,4 +1,4 @@
-"""Edge convolution edge by edge in float64, equations (11)-(14)."""
+"""Edge convolution edge by edge in float64, eqs. (11)-(14)."""
 
 import numpy as np
 
@@ -17,7 +17,7 @@ def graph(features: np.ndarray, k: int, mask: np.ndarray) -> np.ndarray:
 
 
 def edge_values(features: np.ndarray, neighbors: np.ndarray, kernel: np.ndarray) -> dict[tuple[int, int], np.ndarray]:
-    """W [x_i, x_j - x_i] of every edge (i, j), equation (11)."""
+    """W [x_i, x_j - x_i] of every edge (i, j), eq. (11)."""
     return {
         (i, j): np.concatenate([features[i], features[j] - features[i]]) @ kernel
         for i, row in enumerate(neighbors)
@@ -27,7 +27,7 @@ def edge_values(features: np.ndarray, neighbors: np.ndarray, kernel: np.ndarray)
 
 
 def attention(values: np.ndarray, squeeze, squeeze_bias, excite, excite_bias) -> np.ndarray:
-    """Equation (12) over edges `[e, d]`."""
+    """Eq. (12) over edges `[e, d]`."""
 
     def shared(pooled):
         return np.maximum(pooled @ squeeze + squeeze_bias, 0.0) @ excite + excite_bias
@@ -36,7 +36,7 @@ def attention(values: np.ndarray, squeeze, squeeze_bias, excite, excite_bias) ->
 
 
 def edge_conv(features, neighbors, kernel, scale, shift, weights=None, slope=0.2) -> np.ndarray:
-    """Equations (11)-(14) of one cloud, normalisation folded; rows without neighbours are zero."""
+    """Eqs. (11)-(14) of one cloud, normalisation folded; rows without neighbours are zero."""
     edges = {edge: scale * value + shift for edge, value in edge_values(features, neighbors, kernel).items()}
     beta = np.ones(kernel.shape[1]) if weights is None else attention(np.array(list(edges.values())), *weights)
     result = np.zeros((len(features), kernel.shape[1]))

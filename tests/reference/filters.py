@@ -1,4 +1,4 @@
-"""The adaptive filter, equations (2)-(8), and its surfaces, point by point in NumPy float64."""
+"""The adaptive filter, eqs. (2)-(8), and its surfaces, point by point in NumPy float64."""
 
 import numpy as np
 

@@ -8,9 +8,11 @@ import time
 import numpy as np
 import pytest
 
+from cablejax.batch import Processes
+from cablejax.batch.child import START
 from cablejax.io import read_points, write_points
 from cablejax.ops import clean
-from cablejax.tiles import Settings, denoise_file
+from cablejax.tiles import Settings, TileError, denoise_file
 from cablejax.tiles.folder import Folder
 from cablejax.tiles.plan import add, cut, empty_grid
 from tests.reference.circles import bent_cable
@@ -59,7 +61,7 @@ def test_goes_on_after_a_kill(cloud, tmp_path):
     path, expected, _, _ = cloud
     target = tmp_path / "out.ply"
     code = (
-        "from cablejax.tiles import Settings, denoise_file\n"
+        "from cablejax.tiles import Settings, TileError, denoise_file\n"
         f"denoise_file({str(path)!r}, {str(target)!r}, settings=Settings(removal_k=8, k=16), tile_points={CAPACITY}, "
         f"chunk={CHUNK}, progress=lambda stage, i, n: print(stage, i, flush=True))"
     )
@@ -72,7 +74,7 @@ def test_goes_on_after_a_kill(cloud, tmp_path):
     assert process.wait() == -signal.SIGKILL
     process.stdout.close()
     assert not target.exists()
-    state = Folder(tmp_path / "out.ply.tiles", _job(tmp_path)).state["done"]
+    state = Folder.of_job(tmp_path / "out.ply.tiles", _job(tmp_path)).state["done"]
     assert "smoothing 0" in state
     before = time.time_ns()
     denoise_file(path, target, settings=SETTINGS, tile_points=CAPACITY, chunk=CHUNK, progress=lambda *p: None)
@@ -87,9 +89,9 @@ def _job(folder):
 
 
 def test_a_folder_of_another_job_is_emptied(tmp_path):
-    Folder(tmp_path / "work", {"k": 1}).finish("survey", 5)
-    assert Folder(tmp_path / "work", {"k": 1}).done("survey") == 5
-    assert Folder(tmp_path / "work", {"k": 2}).done("survey") is None
+    Folder.of_job(tmp_path / "work", {"k": 1}).finish("survey", 5)
+    assert Folder.of_job(tmp_path / "work", {"k": 1}).done("survey") == 5
+    assert Folder.of_job(tmp_path / "work", {"k": 2}).done("survey") is None
 
 
 def test_every_point_is_in_one_tile_and_its_halo_in_the_outer_box():
@@ -114,3 +116,32 @@ def test_too_small_a_tile_and_too_few_points_are_named(tmp_path):
         denoise_file(path, tmp_path / "out.ply", settings=SETTINGS, tile_points=10)
     with pytest.raises(ValueError, match="points: expected more than 600, got 500"):
         denoise_file(path, tmp_path / "out.ply", settings=Settings(k=600))
+
+
+def test_tiles_on_processes_give_the_same_bit_for_bit_whatever_their_number_and_deaths(cloud, tmp_path, monkeypatch):
+    path, expected, _, _ = cloud
+    written = []
+    for jobs, deadly in ((1, False), (2, True)):
+        target, mark = tmp_path / f"jobs{jobs}.ply", tmp_path / "mark"
+        if deadly:  # the first process dies in the middle of its second task
+            first = "import sys, json; sys.path[:] = json.loads(sys.argv[1]); import tests.tiles.mortal as m"
+            monkeypatch.setattr("cablejax.batch.child.START", f"{first}; m.prepare({str(mark)!r})\n{START}")
+        denoise_file(
+            path,
+            target,
+            settings=SETTINGS,
+            tile_points=CAPACITY,
+            chunk=CHUNK,
+            engine=Processes(jobs),
+            progress=lambda *p: None,
+        )
+        written.append(target.read_bytes())
+        assert mark.exists() == deadly
+    assert written[0] == written[1]
+    np.testing.assert_allclose(read_points(tmp_path / "jobs1.ply").xyz_mm, expected, atol=3e-4)
+
+
+def test_work_that_fails_says_which_tile(cloud, tmp_path, monkeypatch):
+    monkeypatch.setattr("cablejax.tiles.work.kernels.scores", lambda *_, **__: 1 / 0)
+    with pytest.raises(TileError, match=r"scoring: tile \d+ of \d+: ZeroDivisionError"):
+        denoise_file(cloud[0], tmp_path / "out.ply", settings=SETTINGS, tile_points=CAPACITY, chunk=CHUNK)

@@ -15,7 +15,7 @@ from cablejax.nets.pose import pose_channels, pose_clouds
 
 
 class PointLayers(nnx.Module):
-    """Layers shared by all points, each with batch normalisation and ReLU, equation (10).
+    """Layers shared by all points, each with batch normalisation and ReLU, eq. (10).
 
     Args:
         in_features: Channels of the input.

@@ -5,15 +5,22 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
+from cablejax.ops.neighbors.metric import shorter_way
+
 BLOCK_ELEMENTS = 1 << 22  # pairs measured at once: 16 MiB of float32
 
 
-def square_distances(queries: Float[Array, "q c"], xyz: Float[Array, "n c"]) -> Float[Array, "q n"]:
-    """Squared distances by differences, which keep their digits far from the origin (|x|^2 - 2xy + |y|^2 does not)."""
+def square_distances(
+    queries: Float[Array, "q c"], xyz: Float[Array, "n c"], box: Float[Array, " c"] | None = None
+) -> Float[Array, "q n"]:
+    """Squared distances by differences, which keep their digits far from the origin (|x|^2 - 2xy + |y|^2 does not).
+
+    In a periodic box, with all coordinates between 0 and its lengths, the shorter way around counts.
+    """
     total = jnp.zeros((queries.shape[0], xyz.shape[0]), dtype=xyz.dtype)
     for axis in range(xyz.shape[1]):
         difference = queries[:, axis, None] - xyz[None, :, axis]
-        total = total + difference * difference
+        total = total + jnp.square(shorter_way(difference, None if box is None else box[axis]))
     return total
 
 
@@ -35,13 +42,14 @@ def knn_brute(
     skip: Int[Array, " q"],
     *,
     k: int,
+    box: Float[Array, " c"] | None = None,
 ) -> tuple[Int[Array, "q k"], Float[Array, "q k"]]:
     """The k nearest valid points of each query but `skip`, nearest first, ties by row; -1 and inf where none."""
     n = xyz.shape[0]
     taken = min(k, n)
 
     def nearest(block_queries: Array, block_skip: Array) -> tuple[Array, Array]:
-        distance = square_distances(block_queries, xyz)
+        distance = square_distances(block_queries, xyz, box)
         usable = valid[None, :] & (jnp.arange(n, dtype=jnp.int32)[None, :] != block_skip[:, None])
         negative, index = lax.top_k(-jnp.where(usable, distance, jnp.inf), taken)
         return jnp.where(negative > -jnp.inf, index, -1), -negative
@@ -57,11 +65,13 @@ def count_brute(
     valid: Bool[Array, " n"],
     skip: Int[Array, " q"],
     square_radius: Float[Array, ""],
+    *,
+    box: Float[Array, " c"] | None = None,
 ) -> Int[Array, " q"]:
     """How many valid points but `skip` lie within the radius, the boundary included."""
 
     def inside(block_queries: Array, block_skip: Array) -> Array:
-        near = square_distances(block_queries, xyz) <= square_radius
+        near = square_distances(block_queries, xyz, box) <= square_radius
         usable = valid[None, :] & (jnp.arange(xyz.shape[0], dtype=jnp.int32)[None, :] != block_skip[:, None])
         return jnp.sum(near & usable, axis=1, dtype=jnp.int32)
 

@@ -10,6 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from cablejax.ops.cloud_by_cloud import cloud_by_cloud
 from cablejax.ops.neighbors.brute import knn_brute, map_blocks, square_distances
+from cablejax.ops.neighbors.kth import kth_smallest
 from cablejax.ops.neighbors.select import INFINITE, WORD, columns, in_pieces
 
 GROUPS = 128
@@ -57,7 +58,8 @@ def choose(
     bits = _bits(keys)
     padded = jnp.pad(bits, ((0, 0), (0, -n % GROUPS)), constant_values=INFINITE)
     least = jnp.min(padded.reshape(rows, -1, GROUPS), axis=1)
-    value = lax.bitcast_convert_type(jnp.minimum(_threshold(least, k), INFINITE - 1), jnp.float32) + margin
+    threshold = kth_smallest(least, k - 1, coarse=COARSE) | ((1 << COARSE) - 1)
+    value = lax.bitcast_convert_type(jnp.minimum(threshold, INFINITE - 1), jnp.float32) + margin
     hit = (padded <= jnp.minimum(_bits(value), INFINITE - 1)[:, None]).reshape(rows, -1, WORD).astype(jnp.uint32)
     words = jnp.sum(hit << jnp.arange(WORD, dtype=jnp.uint32)[None, None, :], axis=2)
     most = jnp.max(jnp.sum(lax.population_count(words), axis=1))
@@ -151,15 +153,3 @@ def _by_product(queries: Array, points: _Points) -> tuple[Float[Array, "q n"], F
 def _bits(keys: Float[Array, "..."]) -> Int[Array, "..."]:
     """Integers that sort as the keys do, if at most one of them is negative."""
     return lax.bitcast_convert_type(keys, jnp.int32)
-
-
-def _threshold(values: Int[Array, "q g"], k: int) -> Int[Array, " q"]:
-    """The k-th smallest value of each row, its low bits set, by fixing one bit after the other."""
-
-    def fix(step: Array | int, found: Int[Array, " q"]) -> Int[Array, " q"]:
-        trial = found | (1 << (30 - step))
-        below = jnp.sum((values < trial[:, None]).astype(jnp.int32), axis=1)
-        return jnp.where(below < k, trial, found)
-
-    found = lax.fori_loop(0, 31 - COARSE, fix, jnp.zeros(values.shape[0], jnp.int32))
-    return found | ((1 << COARSE) - 1)

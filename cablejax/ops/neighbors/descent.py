@@ -11,6 +11,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
+from cablejax.ops.neighbors.metric import gap
 from cablejax.ops.neighbors.select import LARGEST, WORD, columns, narrow, selected
 from cablejax.ops.neighbors.tree import SPLIT, Boxes, Tree
 from cablejax.ops.varying import varying_like
@@ -84,7 +85,7 @@ def descend(
         child = near.node[:, :, None] * SPLIT + numbers
         child = jnp.where(near.node[:, :, None] >= 0, child, -1).reshape(near.node.shape[0], -1)
         child = jnp.pad(child, ((0, 0), (0, -child.shape[1] % WORD)), constant_values=-1)
-        score = _gaps(tree.boxes, offset[level], child, boxes)
+        score = _gaps(tree, offset[level], child, boxes)
         wanted = (child + 1) * span[level] > start[:, None]
         unwanted = in_order[:, None] & ~wanted
         if beyond is not None:
@@ -117,13 +118,13 @@ def descend(
     return lax.fori_loop(levels[0], levels[1], down, varying_like(near, tree, boxes, reach, start))
 
 
-def _gaps(level: Boxes, offset: Array, child: Int[Array, "b c"], boxes: Boxes) -> Float[Array, "b c"]:
+def _gaps(tree: Tree, offset: Array, child: Int[Array, "b c"], boxes: Boxes) -> Float[Array, "b c"]:
     """Squared distance from each box to each of its candidate nodes; inf where there is no node or no box."""
     total = jnp.where(child < 0, jnp.inf, jnp.zeros(child.shape, dtype=jnp.float32))
     at = jnp.maximum(child, 0) + offset
-    for axis in range(3):
-        low = level.lower[axis].at[at].get(mode="promise_in_bounds")
-        high = level.upper[axis].at[at].get(mode="promise_in_bounds")
+    for axis in range(len(tree.xyz)):
+        low = tree.boxes.lower[axis].at[at].get(mode="promise_in_bounds")
+        high = tree.boxes.upper[axis].at[at].get(mode="promise_in_bounds")
         own_low, own_high = (side[axis][:, None] for side in boxes)
-        total = total + jnp.square(jnp.maximum(0.0, jnp.maximum(low - own_high, own_low - high)))
+        total = total + jnp.square(gap(low, high, own_low, own_high, None if tree.box is None else tree.box[axis]))
     return jnp.where(total <= LARGEST, total, jnp.inf)

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int, UInt
 
+from cablejax.ops.neighbors.metric import square_length
 from cablejax.ops.neighbors.select import INFINITE, LARGEST, WORD, apart, columns, in_pieces, narrow, selected
 from cablejax.ops.neighbors.tree import LEAF, Tree
 
@@ -70,7 +71,7 @@ def gather(
     leaf: Int[Array, "b m"],
     before_row: Int[Array, "q s"],
     before_sq_dist: Float[Array, "q s"],
-    xyz: Float[Array, "3 b 8"],
+    xyz: Float[Array, "a b 8"],
     own_row: Int[Array, "b 8"],
     sure: Bool[Array, ""],
 ) -> Candidates:
@@ -85,13 +86,13 @@ def gather(
         at = jnp.maximum(leaf, 0)
         row = jnp.where((leaf >= 0)[:, :, None], tree_row[at], -1).reshape(blocks, -1)
         row = jnp.pad(row, ((0, 0), (0, spare)), constant_values=-1)
-        there = jnp.pad(tree_xyz[:, at].reshape(3, blocks, -1), ((0, 0), (0, 0), (0, spare)))
+        there = jnp.pad(tree_xyz[:, at].reshape(len(tree_xyz), blocks, -1), ((0, 0), (0, 0), (0, spare)))
         return row, jnp.where((row >= 0)[None], there, jnp.inf)
 
     row, points = apart(read, sure, leaf, tree.row, tree.xyz)
 
     def measure(xyz: Array, own_row: Array, row: Array, points: Array) -> Array:
-        sq_dist = _square_sum(xyz[:, :, :, None] - points[:, :, None, :])
+        sq_dist = square_length(xyz[:, :, :, None] - points[:, :, None, :], tree.box)
         sq_dist = jnp.where(row[:, None, :] != own_row[:, :, None], sq_dist, jnp.inf)
         return sq_dist.reshape(blocks, LEAF, -1, WORD)
 
@@ -226,8 +227,3 @@ def distance_sum(ranked: Ranked, k: int) -> tuple[Float[Array, " q"], Int[Array,
     """Sum of the k smallest distances of each query, and how many there are."""
     near = (ranked.rank < k) & (ranked.row >= 0)
     return jnp.sqrt(jnp.where(near, ranked.sq_dist, 0.0)).sum(axis=1), near.sum(axis=1, dtype=jnp.int32)
-
-
-def _square_sum(difference: Float[Array, "3 ..."] | list[Array]) -> Float[Array, "..."]:
-    """Squared length, summed in the order x, y, z."""
-    return jnp.square(difference[0]) + jnp.square(difference[1]) + jnp.square(difference[2])

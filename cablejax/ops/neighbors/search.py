@@ -105,7 +105,7 @@ def search(tree: Tree, targets: Tree, queries: int, *, k: int, include_self: boo
     def once(state: _State) -> _State:
         state = _refill(targets, state)
         before = state.pool.todo
-        xyz = targets.xyz.reshape(3, -1)[:, state.pool.place]
+        xyz = targets.xyz.reshape(len(targets.xyz), -1)[:, state.pool.place]
         row = targets.row.reshape(-1)[state.pool.place]
         own = jnp.full_like(row, -1) if include_self else row
         pool, ranked, proven = _round(tree, state.pool, xyz, own, state.alone, groups, k)
@@ -148,7 +148,7 @@ def _near_groups(tree: Tree, targets: Tree, width: int) -> Near:
     groups = -(-blocks // SPLIT)
     spare = ((0, 0), (0, groups * SPLIT - blocks))
     lower, upper = (
-        jnp.pad(side[:, -blocks:], spare, constant_values=edge).reshape(3, groups, SPLIT)
+        jnp.pad(side[:, -blocks:], spare, constant_values=edge).reshape(-1, groups, SPLIT)
         for side, edge in zip(targets.boxes, (jnp.inf, -jnp.inf), strict=True)
     )
     return _above_leaves(tree, Boxes(lower.min(axis=2), upper.max(axis=2)), width)
@@ -204,7 +204,7 @@ def _refill(targets: Tree, state: _State) -> _State:
 
 
 def _round(
-    tree: Tree, pool: _Pool, xyz: Float[Array, "3 b 8"], own: Int[Array, "b 8"], alone: Array, groups: Near, k: int
+    tree: Tree, pool: _Pool, xyz: Float[Array, "a b 8"], own: Int[Array, "b 8"], alone: Array, groups: Near, k: int
 ) -> tuple[_Pool, Ranked, Bool[Array, "b 8"]]:
     """One round of all blocks: their candidates, and the queries that it proved."""
     blocks, width, share = pool.place.shape[0], groups.node.shape[1], share_for(k)
@@ -256,7 +256,7 @@ def _nothing(q: int, k: int) -> Ranked:
     return rank(jnp.full(shape, -1, dtype=jnp.int32), jnp.full(shape, jnp.inf, dtype=jnp.float32))
 
 
-def _box(xyz: Float[Array, "3 b 8"], there: Bool[Array, "b 8"]) -> Boxes:
+def _box(xyz: Float[Array, "a b 8"], there: Bool[Array, "b 8"]) -> Boxes:
     """Boxes of the queries that are there."""
     lower = jnp.min(jnp.where(there[None], xyz, jnp.inf), axis=2)
     return Boxes(lower, jnp.max(jnp.where(there[None], xyz, -jnp.inf), axis=2))

@@ -38,8 +38,8 @@ class Boxes(NamedTuple):
     upper: Float[Array, "3 nodes"]
 
     def sides(self) -> Float[Array, "3 nodes"]:
-        """Side lengths, zero for empty boxes."""
-        return jnp.where(self.upper > self.lower, self.upper - self.lower, 0.0)
+        """Side lengths in space, zero for empty boxes; the further axis of a ragged batch has none."""
+        return jnp.where(self.upper > self.lower, self.upper - self.lower, 0.0)[:3]
 
 
 class Tree(NamedTuple):
@@ -50,11 +50,13 @@ class Tree(NamedTuple):
         row: Row of each place in the cloud `[leaves, 8]` int32, -1 in holes.
         boxes: Boxes of all nodes, the root's children first, then level by level down to the leaves; the eight children
             of a node are consecutive.
+        box: Lengths of the periodic box along each axis, inf where it does not close `[3]`; none closes if None.
     """
 
     xyz: Float[Array, "3 leaves 8"]
     row: Int[Array, "leaves 8"]
     boxes: Boxes
+    box: Float[Array, " 3"] | None = None
 
     def level_sizes(self) -> tuple[int, ...]:
         """Nodes per level, from the root's children to the leaves."""
@@ -88,7 +90,7 @@ def build(xyz: Float[Array, "n 3"], valid: Bool[Array, " n"]) -> Tree:
     rows = rows.reshape(-1).at[place].set(-1, mode="drop").reshape(-1, LEAF)
     points = jnp.concatenate([points, stray_points.reshape(3, -1, LEAF)], axis=1)
     rows = jnp.concatenate([rows, stray_rows.reshape(-1, LEAF)])
-    return Tree(points, rows, _boxes(points, rows >= 0, depth))
+    return Tree(points, rows, boxes_of(points, rows >= 0, depth))
 
 
 def _shape(leaves: int) -> tuple[int, int, int]:
@@ -192,11 +194,11 @@ def _nth(values: Float[Array, "m 8"], valid: Bool[Array, "m 8"], n: Int[Array, "
     return jnp.sum(jnp.where(rank == n[:, None], jnp.where(valid, values, 0.0), 0.0), axis=1)
 
 
-def _boxes(points: Float[Array, "3 leaves 8"], valid: Bool[Array, "leaves 8"], depth: int) -> Boxes:
+def boxes_of(points: Float[Array, "a leaves 8"], valid: Bool[Array, "leaves 8"], depth: int) -> Boxes:
     """Boxes of all nodes, the root's children first."""
     lower = [jnp.min(jnp.where(valid[None], points, jnp.inf), axis=2)]
     upper = [jnp.max(jnp.where(valid[None], points, -jnp.inf), axis=2)]
     for _ in range(depth):
-        lower.insert(0, lower[0].reshape(3, -1, SPLIT).min(axis=2))
-        upper.insert(0, upper[0].reshape(3, -1, SPLIT).max(axis=2))
+        lower.insert(0, lower[0].reshape(len(points), -1, SPLIT).min(axis=2))
+        upper.insert(0, upper[0].reshape(len(points), -1, SPLIT).max(axis=2))
     return Boxes(jnp.concatenate(lower, axis=1), jnp.concatenate(upper, axis=1))

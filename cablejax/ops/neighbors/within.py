@@ -6,6 +6,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from cablejax.ops.neighbors.descent import descend, root
+from cablejax.ops.neighbors.metric import square_length
 from cablejax.ops.neighbors.select import LARGEST
 from cablejax.ops.neighbors.tree import FIRST, LEAF, Boxes, Tree
 from cablejax.ops.varying import varying_like
@@ -37,7 +38,7 @@ def count_within(
     alone = np.where(np.arange(LEAF)[None, :] == 0, np.arange(blocks * LEAF, places)[:, None], -1)
     items = np.concatenate([first, alone])
     items = np.pad(items, ((0, -len(items) % CHUNK), (0, 0)), constant_values=-1).reshape(-1, CHUNK, LEAF)
-    rows, xyz = targets.row.reshape(-1), targets.xyz.reshape(3, -1)
+    rows, xyz = targets.row.reshape(-1), targets.xyz.reshape(len(targets.xyz), -1)
 
     def chunk(place: Int[Array, "b 8"]) -> tuple[Array, Array]:
         at = jnp.maximum(place, 0)
@@ -51,7 +52,7 @@ def count_within(
 
 
 def _count(
-    tree: Tree, xyz: Float[Array, "3 b 8"], there: Bool[Array, "b 8"], own: Int[Array, "b 8"], square_radius: Array
+    tree: Tree, xyz: Float[Array, "a b 8"], there: Bool[Array, "b 8"], own: Int[Array, "b 8"], square_radius: Array
 ) -> Int[Array, "b 8"]:
     """Count for one chunk of blocks."""
     blocks, leaves = there.shape[0], tree.row.shape[0]
@@ -67,8 +68,8 @@ def _count(
         near = descend(tree, above, boxes, levels=(0, depth), most=FIRST, in_order=in_order, reach=reach, start=start)
         leaf = jnp.maximum(near.node, 0)
         row = jnp.where((near.node >= 0)[:, :, None], tree.row[leaf], -1).reshape(blocks, 1, -1)
-        difference = xyz[:, :, :, None] - tree.xyz[:, leaf].reshape(3, blocks, 1, -1)
-        sq_dist = jnp.square(difference[0]) + jnp.square(difference[1]) + jnp.square(difference[2])
+        difference = xyz[:, :, :, None] - tree.xyz[:, leaf].reshape(len(xyz), blocks, 1, -1)
+        sq_dist = square_length(difference, tree.box)
         inside = (row >= 0) & (row != own[:, :, None]) & (sq_dist <= square_radius)
         return near.resume, count + jnp.sum(inside, axis=2, dtype=jnp.int32)
 

@@ -1,0 +1,77 @@
+"""What earns a fitted cylinder its place: it stays what was sought, is smooth, shows enough of itself and is round."""
+
+import numpy as np
+
+from cablejax.measure.errors import MeasureError
+from cablejax.measure.find.cables import Find
+from cablejax.measure.find.track import Walk
+from cablejax.measure.fit.full import Fitted, fit_track
+from cablejax.measure.fit.least_squares import CableFit
+from cablejax.measure.messages import arc_too_small, not_round, not_sought, nothing_found, strayed, too_rough
+from cablejax.measure.scan import Scan
+from cablejax.measure.settings import MeasureSettings
+from cablejax.measure.shape.faces import flat_faces
+from cablejax.measure.shape.sections import Sections, arc_seen, cut
+
+ROUGHEST = 0.33  # scatter over the radius; points that fill a cylinder evenly scatter by .35 of their mean distance
+PER_SECTION = 40  # points, on average, that a section must hold at least
+
+
+class Strayed(MeasureError):
+    """The fit has left what the search found: lesser finds of such a scan are no better."""
+
+
+def first_that_fits(scan: Scan, find: Find, settings: MeasureSettings) -> tuple[Fitted, Sections, float]:
+    """Fit the tracks in turn until one earns its place; the first one's failure if none does.
+
+    Returns:
+        The fit, its sections, and the circumference seen in degrees.
+
+    Raises:
+        MeasureError: That failure.
+    """
+    failure: MeasureError | None = None
+    for way in find.walks:
+        try:
+            return accepted(scan, way, find, settings)
+        except Strayed as error:  # one of the lesser finds may fit something else very well
+            raise failure or error from None
+        except MeasureError as error:
+            failure = failure or error
+    raise failure or nothing_found(find)
+
+
+def accepted(scan: Scan, way: Walk, find: Find, settings: MeasureSettings) -> tuple[Fitted, Sections, float]:
+    """Fit one track, and refuse what is no cylinder.
+
+    Raises:
+        MeasureError: With the reason.
+    """
+    try:
+        fitted = fit_track(scan.xyz, scan.station, way, find.planes, settings)
+    except MeasureError as error:  # nothing round there; where most is flat, that is the reason to give
+        raise nothing_found(find) if find.flat_share > 0.5 else error from None
+    fit = fitted.fit
+    if (error := strayed(way.radius_mm, fit.radius_mm)) is not None:
+        raise Strayed(str(error))
+    limits = settings.limits.diameter_mm
+    if limits is not None and not limits[0] <= 2 * fit.radius_mm <= limits[1]:
+        raise not_sought(2 * fit.radius_mm, limits)
+    if fit.noise_mm > ROUGHEST * fit.radius_mm:
+        raise too_rough(fit.noise_mm, fit.radius_mm)
+    sections = sections_of(fit, settings)
+    arc = arc_seen(fit, sections)
+    if arc < settings.min_arc_deg:
+        raise arc_too_small(arc, settings.min_arc_deg, find)
+    if (faces := flat_faces(fit, arc)) is not None:
+        raise not_round(faces, 2 * fit.radius_mm)
+    return fitted, sections, arc
+
+
+def sections_of(fit: CableFit, settings: MeasureSettings) -> Sections:
+    """Circles along the length: a quarter of the diameter apart, or as asked, and further on a coarse grid."""
+    used = fit.place.s[fit.weight > 0]
+    length = float(np.ptp(used))
+    step = settings.section_mm if settings.section_mm is not None else 0.5 * fit.radius_mm
+    # On a coarse grid a short section holds two points, which show no arc.
+    return cut(fit, step_mm=max(step, length / 200, length * PER_SECTION / len(used)))

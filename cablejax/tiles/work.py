@@ -1,0 +1,86 @@
+"""What is done with one tile, as tasks that any process may run that sees the folder.
+
+Each reads the tile's points, leaves its arrays in a file of its own (`Folder.leave`) and returns what is short. Files that
+several machines write at once would be torn, so the columns of the cloud are written by the one process that leads.
+"""
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from cablejax.ops import width_trial
+from cablejax.tiles import kernels
+from cablejax.tiles.folder import Folder, TilePoints
+from cablejax.tiles.plan import Tile
+
+QUERIES = 1024  # strays searched at once
+PILOTS = 256  # pilot points of a tile at once
+STRAYS = "strays.npy"
+
+
+def score(*, folder: str, tile: int, box: list[Any], capacity: int, removal_k: int) -> list[int]:
+    """Scores of the tile's own points; returns the rows whose neighbours it does not all hold."""
+    place = Folder.existing(folder)
+    points = place.tile(tile)
+    values, reach = kernels.scores(kernels.padded(points.xyz, capacity), removal_k=removal_k)
+    mine = np.nonzero(points.inner)[0]
+    place.leave(f"scoring {tile}", row=points.row[mine], score=np.asarray(values)[mine])
+    cut_off = np.asarray(reach)[mine] >= _tile(box).slack(points.xyz[mine].astype(np.float64))
+    return points.row[mine][cut_off].tolist()
+
+
+def strays(*, folder: str, tile: int, capacity: int, removal_k: int) -> None:
+    """Squared distances of all strays to their nearest among the tile's own points."""
+    place = Folder.existing(folder)
+    points, queries = place.tile(tile), np.load(place.path / STRAYS)
+    cloud = kernels.padded(points.xyz[points.inner], capacity)
+    parts = [jnp.asarray(queries[start : start + QUERIES]) for start in range(0, len(queries), QUERIES)]
+    found = [np.asarray(kernels.nearest(cloud, part, removal_k=removal_k)) for part in parts]
+    place.leave(f"strays {tile}", sq_dist=np.concatenate(found))
+
+
+def width(*, folder: str, tile: int, capacity: int, n: int, step: int, k: int, order: int) -> None:
+    """Trials of the filter's width at every `step`-th row of the cloud, where it is the tile's own."""
+    place = Folder.existing(folder)
+    points = place.tile(tile)
+    rows = np.nonzero(points.inner & (points.row % step == 0))[0]
+    cloud, keep = kernels.padded(points.xyz, capacity), _kept(place, points, n, capacity)
+    parts = []
+    for start in range(0, len(rows), PILOTS):
+        some = np.full(PILOTS, -1, dtype=np.int32)
+        part = rows[start : start + PILOTS]
+        some[: len(part)] = part
+        parts.append(width_trial(cloud, keep, jnp.asarray(some), k=k, order=order))
+    fields = zip(*parts, strict=True)
+    names = parts[0]._fields if parts else ()
+    place.leave(f"width {tile}", **{name: np.concatenate(f, -1) for name, f in zip(names, fields, strict=True)})
+
+
+def smooth(
+    *, folder: str, tile: int, box: list[Any], capacity: int, n: int, alpha: float, usual: float, **options: int
+) -> list[float]:
+    """The tile's own kept points, filtered; returns squared moves, widths, points cut off and points, each summed."""
+    place = Folder.existing(folder)
+    points = place.tile(tile)
+    keep = _kept(place, points, n, capacity)
+    cloud = kernels.padded(points.xyz, capacity)
+    result = kernels.smooth(cloud, keep, jnp.float32(alpha), jnp.float32(usual), **options)
+    mine = np.nonzero(points.inner & np.asarray(keep)[: len(points.row)])[0]
+    xyz = np.asarray(result.xyz)[mine]
+    place.leave(f"smoothing {tile}", row=points.row[mine], xyz=xyz)
+    cut_off = np.asarray(result.need)[mine] >= _tile(box).slack(points.xyz[mine].astype(np.float64))
+    moved = ((xyz.astype(np.float64) - points.xyz[mine]) ** 2).sum()
+    wide = np.asarray(result.width)[mine].sum(dtype=np.float64)
+    return [float(moved), float(wide), float(cut_off.sum()), float(len(mine))]
+
+
+def _tile(box: list[Any]) -> Tile:
+    low, high, halo = box
+    return Tile(np.array(low), np.array(high), halo)
+
+
+def _kept(place: Folder, points: TilePoints, n: int, capacity: int) -> Any:
+    keep = np.zeros(capacity, dtype=bool)
+    keep[: len(points.row)] = np.memmap(place.path / "keep", dtype=bool, mode="r", shape=(n,))[points.row]
+    return jnp.asarray(keep)
