@@ -45,7 +45,7 @@ run: $(VENV)/.run-stamp ## Do the main job (a few minutes); SCAN=path.ply UNIT=m
 	@$(BIN)/python -m experiments.main --size $(SIZE)
 endif
 
-PYTEST ?= -n 2 --dist loadfile
+PYTEST ?= -n 2 --dist loadfile --no-loadscope-reorder
 test: $(VENV)/.dev-stamp ## Run the tests
 	@$(BIN)/python -m pytest $(PYTEST)
 

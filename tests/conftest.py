@@ -1,5 +1,6 @@
 """Shared test set-up: a compilation cache beside the sources, cheap compiling, strict ranks, the real data's folder."""
 
+import gc
 import os
 from pathlib import Path
 
@@ -36,3 +37,33 @@ def data_dir() -> Path:
     if not folder.is_dir():
         pytest.skip(f"real scans not found: set CABLEJAX_DATA (looked in {folder})")
     return folder
+
+
+# Where `make test` begins, with a file to each process in turn, so that no process is left alone with a long one at the end.
+SLOWEST = (
+    "experiments/test_sweep.py",
+    "ops/test_neighbors_and_sums.py",
+    "simulate/test_parts.py",
+    "simulate/test_surfaces.py",
+    "test_notebooks.py",
+    "ops/test_filters.py",
+    "cli/test_cli.py",
+    "cli/test_capacity.py",
+    "nets/test_networks.py",
+    "train/test_devices.py",
+    "train/test_fit.py",
+)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The slowest files first; the order is otherwise kept."""
+    rank = {ROOT / "tests" / name: place for place, name in enumerate(SLOWEST)}
+    items.sort(key=lambda item: rank.get(item.path, len(rank)))
+
+
+def pytest_collection_finish() -> None:
+    """Collect garbage rarely: tracing makes millions of objects, and looking through them was a fifth of the time of tests
+    whose programs are compiled already."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(100_000, 50, 50)
