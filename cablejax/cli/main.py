@@ -90,6 +90,7 @@ def _gage(sub: argparse._SubParsersAction) -> None:
     gage.add_arguments(parser)
     parser.add_argument("--unit", choices=UNITS, help="unit of the files' coordinates")
     _columns(parser)
+    parser.set_defaults(all=False, expect=None, picture=None)
     _measure_options(parser)
     folder.add_arguments(parser)
 
