@@ -96,6 +96,9 @@ def _whole(options: argparse.Namespace) -> dict[str, Any]:
         "removed": int((~rest).sum()),
         "moved_rms_mm": float(np.sqrt(np.mean(moved**2))),
         "kernel_width_mm": width,
+        "tiles": None,
+        "halo_mm": None,
+        "cut": None,
     }
 
 
@@ -147,7 +150,7 @@ def table(result: dict[str, Any]) -> str:
     if "rows" in result:
         return folder.table(result, lambda row: f"{row['removed']:,} of {row['points']:,} points removed")
     width = result["kernel_width_mm"]
-    tiles = [("tiles", f"{result['tiles']:,}, halo {result['halo_mm']:.3g} mm")] if "tiles" in result else []
+    tiles = [("tiles", f"{result['tiles']:,}, halo {result['halo_mm']:.3g} mm")] if result["tiles"] else []
     return rows(
         [
             ("points", f"{result['points']:,}"),

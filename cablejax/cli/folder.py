@@ -242,7 +242,6 @@ class _Batch:
                 f"{firsts[0]['file']}: {firsts[0]['error']}"
             )
         return {
-            "schema": "folder/1",
             "command": self.options.command,
             "folder": self.options.scan,
             "csv": self.options.csv,

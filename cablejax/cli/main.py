@@ -2,12 +2,11 @@
 
 import argparse
 import importlib
-import json
 import warnings
 from collections.abc import Sequence
 
 from cablejax import __version__
-from cablejax.cli import exports, folder, gage
+from cablejax.cli import exports, folder, gage, schema
 from cablejax.cli.errors import NoResultError
 from cablejax.cli.streams import put_out, settle_streams, tell
 from cablejax.jax_sums import WrongSumsError, check_sums
@@ -111,6 +110,11 @@ def _classify(sub: argparse._SubParsersAction) -> None:
 def _completion(sub: argparse._SubParsersAction) -> None:
     parser = sub.add_parser("completion", help="a script for the shell: source <(cablejax completion bash)")
     parser.add_argument("shell", choices=("bash", "zsh"))
+
+
+def _schema(sub: argparse._SubParsersAction) -> None:
+    parser = sub.add_parser("schema", help="the JSON Schema of what a command prints with --json")
+    parser.add_argument("name", choices=schema.VERSIONS, metavar="name", help=", ".join(schema.VERSIONS))
 
 
 def _measure_options(parser: argparse.ArgumentParser) -> None:
@@ -246,6 +250,7 @@ COMMANDS = {
     "gage": _gage,
     "classify": _classify,
     "simulate": _simulate,
+    "schema": _schema,
     "completion": _completion,
 }
 
@@ -285,12 +290,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with warnings.catch_warnings():
         warnings.showwarning = _warn_plainly
         try:
-            if options.command != "completion":
+            if options.command not in ("completion", "schema"):
                 set_up_jax()
                 check_sums()
             module = importlib.import_module(f"cablejax.cli.{options.command}")
             result = module.run(options)
-            text = json.dumps(result, indent=2, allow_nan=False) if options.json else module.table(result)
+            text = schema.as_json(options.command, result) if options.json else module.table(result)
             return EXIT_OK if put_out(text) else EXIT_NO_RESULT
         except (NoResultError, MissingPackageError, WrongSumsError) as error:
             tell(f"cablejax: {error}")
