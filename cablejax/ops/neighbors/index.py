@@ -47,6 +47,8 @@ class SearchTree(NamedTuple):
             raise ValueError("row_splits: expected None without queries, whose splits they are")
         conditions = [each.good for each in (points, asking) if each.good is not None]
         if radius is not None:
+            if jnp.ndim(radius) > 0:
+                raise ValueError(f"radius: expected one number, got shape {list(jnp.shape(radius))}")
             conditions.append(jnp.asarray(radius, dtype=jnp.float32) >= 0)
         return asking._replace(good=reduce(jnp.logical_and, conditions)) if conditions else asking
 

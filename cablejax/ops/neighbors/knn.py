@@ -128,7 +128,13 @@ def neighbors_and_sums(
 
 
 def knn_features(features: Float[Array, "n c"], *, k: int, mask: Bool[Array, " n"] | None = None) -> KnnResult:
-    """The k nearest rows of each row of a small feature matrix `[n, c]`, the row itself not counted; see `knn`."""
+    """The k nearest rows of each row of a small feature matrix, all pairs compared; results and errors as `knn`.
+
+    Args:
+        features: Features `[n, c]`.
+        k: Neighbours per row, the row itself not counted. Static.
+        mask: True where a row counts `[n]`; all if None.
+    """
     return knn(features, k=k, mask=mask)
 
 
