@@ -202,19 +202,24 @@ def _register(sub: argparse._SubParsersAction) -> None:
     )
     parser.add_argument("--method", choices=("point", "plane", "gicp"), default="gicp", help="default: gicp")
     parser.add_argument("--kernel", choices=("none", "huber", "cauchy", "tukey"), default="none", help="default: none")
-    parser.add_argument("--max-distance", type=float, metavar="MM", help="between partners (default: from the spacing)")
+    parser.add_argument(
+        "--max-distance",
+        type=float,
+        metavar="MM",
+        help="register once, from where the scans lie, with partners no further apart",
+    )
     parser.add_argument(
         "--voxels",
         type=float,
         nargs="+",
         metavar="MM",
-        help="from coarse to fine: 500 250 125, partners within 4 voxels (2 for more than two scans)",
+        help="from coarse to fine: 500 250 125, partners within 4 voxels (2 for more than two scans); two scans find their own",
     )
     parser.add_argument(
         "--start",
         choices=("given", "features"),
-        default="given",
-        help="given: the scans lie near each other as they are (default); features: nothing is known of the pose",
+        help="with --voxels: given, the scans lie near each other as they are (default), or features, nothing is known of the "
+        "pose; without, several starts are compared",
     )
 
 

@@ -146,7 +146,6 @@ def test_register_brings_several_files_into_the_frame_of_the_last(capsys, tmp_pa
     [
         (["a.ply"], "scans: expected two files or more, got 1"),
         (["a.ply", "b.ply", "c.ply"], "--voxels: are needed for more than two scans"),
-        (["a.ply", "b.ply", "--start", "features"], "--voxels: are needed"),
     ],
 )
 def test_register_says_what_it_lacks(capsys, arguments, reason):
@@ -157,8 +156,22 @@ def test_register_says_what_it_lacks(capsys, arguments, reason):
 def test_register_of_scans_far_apart_says_what_helps(capsys, scan, tmp_path):
     far = tmp_path / "far.ply"
     write_points(far, bent_cable(n=2000) + 1e4)
-    code, _, err = run(capsys, "register", str(far), scan, "--unit", "mm", "--quiet")
-    assert (code, "too few points lie near the target: give --max-distance, or --start features" in err) == (1, True)
+    arguments = ("register", str(far), scan, "--unit", "mm", "--quiet")
+    code, _, err = run(capsys, *arguments, "--max-distance", "5")
+    assert (code, "too few points lie near the target: leave --max-distance out" in err) == (1, True)
+    code, out, _ = run(capsys, *arguments)  # nothing given: the centres are brought together first
+    assert code == 0
+    assert "centres, voxels of" in out
+
+
+@pytest.mark.parametrize("points", range(6))
+def test_register_refuses_a_handful_of_points(capsys, scan, tmp_path, points):
+    few = tmp_path / "few.xyz"
+    few.write_text("".join(f"{i} 0 {i * i}\n" for i in range(points)))
+    for options in ([], ["--voxels", "5"], ["--max-distance", "5"]):
+        code, _, err = run(capsys, "register", str(few), scan, "--unit", "mm", "--quiet", *options)
+        assert code == 1
+        assert f"source: expected at least 6 points, got {points}" in err or points == 0
 
 
 def test_report_writes_the_page(capsys, scan, tmp_path):
