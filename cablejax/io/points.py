@@ -93,8 +93,6 @@ def read_points(
     path, names = Path(path), None if columns is None else named_columns(columns)
     with as_point_file_error(path):
         raw = join(list(pieces(path, time_limit_s=time_limit_s, size=None, columns=names)))
-        if len(raw.xyz) == 0:
-            raise BadFile(nothing_valid(raw.dropped))
         scan = in_millimetres(raw, path, unit)
         if len(scan.xyz_mm) == 0:
             raise BadFile(nothing_valid(scan.dropped))

@@ -135,8 +135,6 @@ def _blocks(rows: list[str], *, ended: bool) -> tuple[list[list[str]], tuple[str
         if block:
             blocks.append(block)
         at += 1 + count
-    if not blocks:
-        raise BadFile("holds no point")
     return blocks, notes
 
 

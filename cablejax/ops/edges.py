@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from cablejax.ops.cloud_by_cloud import cloud_by_cloud
+from cablejax.ops.largest import largest
 from cablejax.ops.product import row_product
 
 
@@ -77,9 +78,9 @@ def channel_attention(
     Returns:
         beta `[d]`.
     """
-    largest = jnp.max(edges, axis=(0, 1), where=valid[:, :, None], initial=-jnp.inf)
+    overall = largest(jnp.where(valid[:, :, None], edges, -jnp.inf).reshape(-1, edges.shape[2]), 0)
     mean = jnp.sum(edges, axis=(0, 1), where=valid[:, :, None]) / jnp.sum(valid)
-    return pooled_attention(largest, mean, weights)
+    return pooled_attention(overall, mean, weights)
 
 
 def pooled_attention(
@@ -172,7 +173,7 @@ def _largest_edges(center: Array, neighbor: Array, neighbors: Array, scale: Arra
 
 
 def _attention_of(
-    largest: Array,
+    of_points: Array,
     center: Array,
     neighbor: Array,
     neighbors: Array,
@@ -184,7 +185,7 @@ def _attention_of(
     exists = neighbors[:, :1] >= 0
     edges = jnp.sum(neighbors >= 0, axis=1).astype(center.dtype)
     mean = (edges @ center + in_degree(neighbors) @ neighbor) / jnp.maximum(jnp.sum(edges), 1.0)
-    overall = jnp.max(largest, axis=0, where=exists, initial=-jnp.inf)
+    overall = largest(jnp.where(exists, of_points, -jnp.inf), 0)
     overall = jnp.where(jnp.any(exists), overall, 0.0)
     return pooled_attention(overall, scale * mean + shift, attention)
 
@@ -228,19 +229,18 @@ def neighbor_max(values: Float[Array, "n d"], neighbors: Int[Array, "n k"]) -> F
     """The largest value among each point's neighbours, per channel; -inf where there is none.
 
     The gradient goes to the first neighbour that holds it. Nothing per edge is kept: the backward pass finds the
-    neighbour again by comparing.
+    neighbour again, by comparing the values with one another and not with the kept maximum, since a value that XLA computes
+    anew in another fusion may differ in its last bit from what was kept.
     """
     return _slot_max(values, neighbors)
 
 
-def _neighbor_max_forward(values: Array, neighbors: Array) -> tuple[Array, tuple[Array, Array, Array]]:
-    largest = neighbor_max(values, neighbors)
-    return largest, (values, largest, neighbors)
+def _neighbor_max_forward(values: Array, neighbors: Array) -> tuple[Array, tuple[Array, Array]]:
+    return neighbor_max(values, neighbors), (values, neighbors)
 
 
-def _neighbor_max_backward(residuals: tuple[Array, Array, Array], grad: Array) -> tuple[Array, None]:
-    values, largest, neighbors = residuals
-    return _to_holders(grad, values, largest, neighbors), None
+def _neighbor_max_backward(residuals: tuple[Array, Array], grad: Array) -> tuple[Array, None]:
+    return _to_holders(grad, *residuals), None
 
 
 neighbor_max.defvjp(_neighbor_max_forward, _neighbor_max_backward)
@@ -274,24 +274,24 @@ def _over_slots(
     return total
 
 
-def _first_holder(
-    values: Float[Array, "n d"], largest: Float[Array, "n d"], neighbors: Int[Array, "n k"]
-) -> Int[Array, "n d"]:
+def _first_holder(values: Float[Array, "n d"], neighbors: Int[Array, "n k"]) -> Int[Array, "n d"]:
     """The row of the first neighbour whose value is the largest, per channel; n where there is none."""
     slots, rows = _padded(neighbors), _with_row(values, -jnp.inf)
+    largest = jnp.full(values.shape, -jnp.inf, values.dtype)
     source = jnp.full(values.shape, values.shape[0], jnp.int32)
-    for slot in range(neighbors.shape[1] - 1, -1, -1):  # backwards, so that the first one stays
-        held = rows.at[slots[:, slot]].get(mode="promise_in_bounds") == largest
-        source = jnp.where(held, slots[:, slot, None], source)
+    for slot in range(neighbors.shape[1]):
+        value = rows.at[slots[:, slot]].get(mode="promise_in_bounds")
+        larger = value > largest  # an equal one comes too late
+        largest, source = jnp.where(larger, value, largest), jnp.where(larger, slots[:, slot, None], source)
     return source
 
 
 def _scatter_to_holders(
-    grad: Float[Array, "n d"], values: Float[Array, "n d"], largest: Float[Array, "n d"], neighbors: Int[Array, "n k"]
+    grad: Float[Array, "n d"], values: Float[Array, "n d"], neighbors: Int[Array, "n k"]
 ) -> Float[Array, "n d"]:
     """Add each point's gradient, channel by channel, to the row that holds its largest value."""
     n, d = values.shape
-    source = _first_holder(values, largest, neighbors)
+    source = _first_holder(values, neighbors)
     # One coordinate an entry: XLA builds a list of coordinates for every dimension that is indexed.
     flat = source * d + jnp.arange(d)[None, :]
     total = jnp.zeros((n + 1) * d, grad.dtype).at[flat.reshape(-1)].add(grad.reshape(-1), mode="promise_in_bounds")

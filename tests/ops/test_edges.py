@@ -18,6 +18,7 @@ from cablejax.ops.edges import (
     neighbor_max,
     neighbor_sum,
 )
+from cablejax.ops.largest import largest
 from tests.reference import edges as reference
 
 N, K, C, D, H = 24, 5, 4, 8, 4
@@ -74,7 +75,7 @@ def literal(features, kernel, scale, shift, weights, graph):
     valid = graph >= 0
     edges = (edge_features(features, graph) @ kernel) * scale[None, None, :] + shift[None, None, :]
     edges = edges * channel_attention(edges, valid, weights)[None, None, :]
-    best = jnp.max(jnp.where(valid[:, :, None], edges, -jnp.inf), axis=1)
+    best = largest(jnp.where(valid[:, :, None], edges, -jnp.inf), 1)
     return jax.nn.leaky_relu(jnp.where(valid[:, :1], best, 0.0), 0.2)
 
 
