@@ -56,9 +56,10 @@ def weighted_cylinder(
 
     The axis follows a parabola over the weighted principal direction; distances are measured across its tangent. The
     start is an algebraic circle about the parabola through the points, of which those of the largest weights count.
-    Gauss-Newton steps then minimise the weighted squares of the distances r to the surface, each weight multiplied by `1 / (1 + (r / s)^2)^2`, s 4.5 times the
-    root mean square of r so weighted. Gradients are those of the minimum: the steps up to it carry none, one more from
-    there carries the whole (the implicit function theorem with Gauss-Newton's second derivatives).
+    Gauss-Newton steps then minimise the weighted squares of the distances r to the surface, each weight multiplied by
+    `1 / (1 + (r / s)^2)^2`, s 4.5 times the root mean square of r so weighted. Gradients are those of the minimum: the
+    steps up to it carry none, one more from there carries the whole (the implicit function theorem with Gauss-Newton's
+    second derivatives).
 
     Args:
         xyz: Points `[n, 3]` of a piece of cable that is longer than it is wide, any unit. Gradients stop here.
