@@ -153,7 +153,7 @@ def reference(split: Split, nominal: tuple[float, ...]) -> Reference:
         "true": by_fit(split, np.asarray(split.on_cable), nominal),
         "likelihood": sizes_told(likely, np.asarray(split.label)),
     }
-    return Reference(told, likely, np.digitize(arc, ARCS_DEG) - 1)
+    return Reference(told, likely, np.digitize(arc, ARCS_DEG[1:-1]))
 
 
 def tested(model: ADGCNNFit, split: Split, nominal: tuple[float, ...], known: Reference) -> dict[str, Any]:
