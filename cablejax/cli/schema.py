@@ -9,7 +9,7 @@ FOLDER = Path(__file__).parent / "schemas"
 # A version changes when a field goes, or changes its name, type or meaning; a field that is added changes it as well, for
 # the schemas allow no others.
 VERSIONS = {
-    "measure": 1, "info": 1, "denoise": 1, "register": 1, "register-stations": 1, "classify": 1, "simulate": 1, "gage": 1,
+    "measure": 1, "measure-all": 1, "info": 1, "denoise": 1, "register": 1, "register-stations": 1, "classify": 1, "simulate": 1, "gage": 1,
     "folder": 1, "schema": 1, "completion": 1,
 }  # fmt: skip
 
@@ -18,6 +18,8 @@ def layout_of(command: str, result: dict[str, Any]) -> str:
     """The name of a result's layout: the command's own but for a few."""
     if "reasons" in result:
         return "folder"
+    if "not_measured" in result:
+        return "measure-all"
     if "T_last_file" in result:
         return "register-stations"
     return "measure" if command == "report" else command

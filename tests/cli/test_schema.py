@@ -39,6 +39,7 @@ IN_MM = ("--unit", "mm")
 CALLS = {
     "measure half": ("measure", ["measure", "half.ply", *IN_MM]),
     "measure round": ("measure", ["measure", "round.ply", *IN_MM, "--tolerance", "29", "31", "--catalogue", "8.7/15"]),
+    "measure all": ("measure-all", ["measure", "round.ply", *IN_MM, "--all", "--tolerance", "29", "31"]),
     "report": ("measure", ["report", "half.ply", "OUT/report.html", *IN_MM]),
     "info": ("info", ["info", "half.ply", *IN_MM]),
     "denoise": ("denoise", ["denoise", "half.ply", "OUT/clean.ply", *IN_MM, "--neighbors", "20"]),
