@@ -83,6 +83,17 @@ def test_a_batch_is_searched_cloud_by_cloud():
     np.testing.assert_array_equal(found[0], found[1][::-1])
 
 
+def test_a_batch_is_no_larger_a_program_than_a_cloud():
+    """A search under `vmap` is a loop over the clouds: batched, it would compute both branches of every condition."""
+    one = jax.ShapeDtypeStruct((N, 3), jnp.float32)
+    many = jax.ShapeDtypeStruct((4, N, 3), jnp.float32)
+    for search in (lambda xyz: knn(xyz, k=K), lambda xyz: radius_count(xyz, radius=0.1)):
+        single, batch = (
+            jax.jit(f).lower(s).as_text().count("\n") for f, s in ((search, one), (jax.vmap(search), many))
+        )
+        assert batch < 1.3 * single
+
+
 def test_the_program_stays_small():
     """What everyone compiles before the first result: lines of StableHLO, the same on every machine with one jax."""
     points = jax.ShapeDtypeStruct((53_135, 3), jnp.float32)

@@ -7,12 +7,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from cablejax.ops.cloud_by_cloud import cloud_by_cloud
 from cablejax.ops.neighbors.brute import count_brute, knn_brute
 from cablejax.ops.neighbors.dense import FEW_CHANNELS, knn_dense
 from cablejax.ops.neighbors.metric import nearest_image
 from cablejax.ops.neighbors.rank import in_order
 from cablejax.ops.neighbors.request import Points, as_float32, bit, prepare
-from cablejax.ops.neighbors.search import search
+from cablejax.ops.neighbors.search import Finish, search
 from cablejax.ops.neighbors.tree import Tree
 from cablejax.ops.neighbors.within import count_within
 from cablejax.types import Status
@@ -293,12 +294,21 @@ def nearest_in(tree: SearchTree, asking: Points, targets: Tree | None, *, k: int
             neighbors, sq_dist = knn_brute(queries, columns, points.usable(), skip, k=k, box=box)
     else:
         assert targets is not None
-        finish, rows = partial(in_order, k=k), asking.xyz.shape[0]
-        neighbors, sq_dist = search(tree.tree, targets, rows, k=k, include_self=include_self, finish=finish)
+        neighbors, sq_dist = by_tree(
+            tree.tree, targets, asking.xyz.shape[0], k=k, include_self=include_self, finish=partial(in_order, k=k)
+        )
     usable = asking.usable()
     neighbors, sq_dist = jnp.where(usable[:, None], neighbors, -1), jnp.where(usable[:, None], sq_dist, jnp.inf)
     few = usable & (neighbors[:, -1] < 0)
     return KnnResult(neighbors, sq_dist, asking.status() | bit(few, Status.TOO_FEW_NEIGHBORS))
+
+
+def by_tree(tree: Tree, targets: Tree, rows: int, *, k: int, include_self: bool, finish: Finish) -> tuple[Array, ...]:
+    """`search`, one cloud after the other under `vmap`."""
+    return cloud_by_cloud(
+        lambda tree, targets: search(tree, targets, rows, k=k, include_self=include_self, finish=finish),
+        everywhere=True,
+    )(tree, targets)
 
 
 def _count_in(
@@ -311,7 +321,12 @@ def _count_in(
         count = count_brute(queries, points.columns(), points.usable(), skip, square_radius, box=box)
     else:
         assert targets is not None
-        count = count_within(tree.tree, targets, asking.xyz.shape[0], square_radius, include_self=include_self)
+        rows = asking.xyz.shape[0]
+        counted = cloud_by_cloud(
+            lambda tree, targets, square: count_within(tree, targets, rows, square, include_self=include_self),
+            everywhere=True,
+        )
+        count = counted(tree.tree, targets, square_radius)
     return jnp.where(asking.usable(), count, 0)
 
 
