@@ -92,7 +92,7 @@ def main() -> None:
                 found = measure_cables(xyz)
                 row |= judged(found, truth)
                 if options.picture and not rows:
-                    Path(options.picture).write_bytes(cables_picture(found, xyz))
+                    Path(options.picture).write_bytes(cables_picture(found, xyz))  # pyright: ignore[reportArgumentType] frozen
             except MeasureError as error:
                 row["refused"] = str(error)
             rows.append({**row, "cpu_s": time.process_time() - start})
