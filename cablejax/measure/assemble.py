@@ -177,7 +177,7 @@ def _form(scan: Scan, fitted: Fitted, find: Find) -> _Form:
         residual_mm=fit.residual_mm if one else residual,
         mean_mm=None if one else mean,
         spread_mm=spread,
-        against_mm=float(np.sqrt(max(apart, 0.0))) if one else 0.0,
+        against_mm=float(np.sqrt(max(apart, 0.0))) if one and _steady(profile, length) else 0.0,
         words=form_of(stretches),
         uneven=_uneven(profile, length),
     )
@@ -186,12 +186,17 @@ def _form(scan: Scan, fitted: Fitted, find: Find) -> _Form:
 def _uneven(profile: Profile, length: float) -> tuple[str, float] | None:
     """The sections of a thing that is long and everywhere about as wide, though its surface is not that of a cylinder."""
     d = profile.diameter_mm
-    middle = float(np.median(d))
-    spread = robust_std(d - middle)
-    if len(d) * profile.step_mm < COVERED * length or length < LONG * middle or spread > STEADY * middle:
+    if length < LONG * np.median(d) or not _steady(profile, length):
         return None
     low, high = np.quantile(d, [0.1, 0.9])
-    return f"not one diameter: sections of {low:.4g} to {high:.4g} mm", spread
+    return f"not one diameter: sections of {low:.4g} to {high:.4g} mm", robust_std(d - np.median(d))
+
+
+def _steady(profile: Profile, length: float) -> bool:
+    """Whether circles were found along most of the axis and are about as wide: else they are of other things, or of noise."""
+    d = profile.diameter_mm
+    covered = len(d) * profile.step_mm >= COVERED * length
+    return bool(covered and robust_std(d - np.median(d)) <= STEADY * np.median(d))
 
 
 def _with_common(stretches: tuple[Stretch, ...], diameter: _Diameter, low: float) -> tuple[Stretch, ...]:
