@@ -51,12 +51,12 @@ def protocol_page(
     page.section("Along the cable")
     with figure_style():
         page.figure(
-            profile_figure(measured),
+            profile_figure(measured),  # pyright: ignore[reportArgumentType] frozen, as in `measurement_page`
             alt="Diameter of each section along the cable.",
             caption="Circles fitted to sections, with 95 % intervals.",
         )
         page.figure(
-            section_figure(measured, 1.0),
+            section_figure(measured, 1.0),  # pyright: ignore[reportArgumentType]
             alt="The points across the axis, with the fitted circle.",
             caption="All points seen along the axis.",
         )
