@@ -1,6 +1,7 @@
 """`cablejax denoise`: outliers out, the rest smoothed, the cloud written; large files tile by tile."""
 
 import argparse
+import contextlib
 from pathlib import Path
 from typing import Any
 
@@ -118,11 +119,12 @@ def _tiled(options: argparse.Namespace, tile_points: int) -> dict[str, Any]:
     except ValueError as error:
         raise NoResultError(f"--{error}") from None
     try:
-        result = denoise_file(
-            options.scan, options.output, settings=settings, unit=options.unit or "mm", columns=options.columns,
-            tile_points=tile_points, chunk=CHUNK, engine=engine,
-            progress=lambda stage, done, total: say(options, f"{stage}: {done:,} of {total:,}"),
-        )  # fmt: skip
+        with contextlib.closing(engine):
+            result = denoise_file(
+                options.scan, options.output, settings=settings, unit=options.unit or "mm", columns=options.columns,
+                tile_points=tile_points, chunk=CHUNK, engine=engine,
+                progress=lambda stage, done, total: say(options, f"{stage}: {done:,} of {total:,}"),
+            )  # fmt: skip
     except (PointFileError, TileError, EngineError, ValueError) as error:
         raise NoResultError(str(error)) from None
     except OSError as error:
