@@ -9,7 +9,7 @@ from cablejax.batch.table import Column
 from cablejax.cli import folder
 from cablejax.cli.capacity import padded
 from cablejax.cli.errors import NoResultError
-from cablejax.cli.scans import WRITABLE, check_output, load, rows, save, say
+from cablejax.cli.scans import WRITABLE, check_output, load, rows, save, say, unit_of
 from cablejax.cli.streams import tell
 
 LARGE = 1 << 28  # bytes of a file from which on it is cleaned in tiles unasked
@@ -109,8 +109,6 @@ def _tiled(options: argparse.Namespace, tile_points: int) -> dict[str, Any]:
     from cablejax.io import PointFileError
     from cablejax.tiles import Settings, TileError, denoise_file
 
-    if options.unit is None:
-        tell("cablejax: warning: no --unit given, the file is taken to be in mm")
     settings = Settings(
         std_ratio=options.std_ratio, k=options.neighbors, order=options.order, smooth=not options.no_filter
     )
@@ -121,7 +119,7 @@ def _tiled(options: argparse.Namespace, tile_points: int) -> dict[str, Any]:
     try:
         with contextlib.closing(engine):
             result = denoise_file(
-                options.scan, options.output, settings=settings, unit=options.unit or "mm", columns=options.columns,
+                options.scan, options.output, settings=settings, unit=unit_of(options, options.scan), columns=options.columns,
                 tile_points=tile_points, chunk=CHUNK, engine=engine,
                 progress=lambda stage, done, total: say(options, f"{stage}: {done:,} of {total:,}"),
             )  # fmt: skip

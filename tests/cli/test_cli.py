@@ -441,3 +441,22 @@ def test_a_scanner_that_is_none_is_named(capsys, scan, given, text):
     assert code == 1
     assert f"--scanner {given}" in err
     assert text in err
+
+
+@pytest.mark.parametrize("header", ["", "x[m] y[m] z[m]\n"])
+def test_tiles_take_the_unit_that_the_whole_file_would(tmp_path, capsys, header):
+    """A cable in metres, whose file says so or not: in mm its points would be all in one tile of a millimetre."""
+    source = tmp_path / "cable.xyz"
+    lines = "\n".join(" ".join(f"{value:.7f}" for value in point) for point in bent_cable(n=3000) / 1000)
+    source.write_text(header + lines + "\n")
+    told = []
+    for name, more in (("whole.ply", ()), ("tiles.ply", ("--tile", "2048", "--jobs", "0"))):
+        command = ["denoise", str(source), str(tmp_path / name), "--neighbors", "12", "--no-filter", "--json", *more]
+        code, out, err = run(capsys, *command)
+        assert code == 0
+        assert ("taken to be in m:" in err) == (not header)
+        told.append(json.loads(out))
+    assert told[0]["removed"] == told[1]["removed"] > 0
+    whole, tiles = (read_points(tmp_path / name, unit="m").xyz_mm for name in ("whole.ply", "tiles.ply"))
+    np.testing.assert_allclose(tiles, whole, atol=1e-3)
+    assert np.ptp(tiles, axis=0).max() > 30
