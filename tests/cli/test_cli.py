@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from cablejax.cli import main
 from cablejax.io import read_points, write_points
@@ -81,6 +82,26 @@ def test_denoise_removes_outliers_and_keeps_the_rest_near(capsys, tmp_path):
     assert len(cleaned) == 1502 - result["removed"]
     assert cleaned[:, 2].max() < 20
     assert 0 < result["moved_rms_mm"] < 0.5
+
+
+ODD = {
+    "rounded to a grid": np.round(bent_cable(n=1500)),
+    "each 25 times": np.repeat(bent_cable(n=60), 25, axis=0),
+    "a line": np.outer(np.linspace(0, 100, 1500), [1.0, 0.0, 0.0]),
+    "at one place": np.full((1500, 3), 7.0),
+}
+
+
+@pytest.mark.parametrize("name", ODD)
+def test_denoise_writes_clouds_whose_neighbours_determine_no_surface(capsys, tmp_path, name):
+    source, target = tmp_path / "in.xyz", tmp_path / "out.ply"
+    write_points(source, ODD[name])
+    code, out, _ = run(capsys, "denoise", str(source), str(target), "--unit", "mm", "--neighbors", "30", "--json")
+    assert code == 0
+    cleaned, result = read_points(target).xyz_mm, json.loads(out)
+    assert len(cleaned) == 1500 - result["removed"] > 1000
+    nearest = cKDTree(ODD[name]).query(cleaned)[0]
+    assert nearest.max() < 2.0  # nothing is thrown about
 
 
 def test_denoise_in_tiles_writes_the_same(capsys, tmp_path):
