@@ -91,7 +91,8 @@ class Guards:
                 self.verdicts[name] = item.nodeid if red else "unguarded"
                 forget_programs()
                 STATE.parent.mkdir(exist_ok=True)
-                STATE.write_text(json.dumps(self.verdicts, indent=1))
+                others = json.loads(STATE.read_text()) if STATE.exists() else {}  # of another run beside this one
+                STATE.write_text(json.dumps(others | self.verdicts, indent=1))
         item.session._setupstate.teardown_exact(nextitem)
         return True
 

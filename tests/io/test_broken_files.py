@@ -14,6 +14,8 @@ from tests.io.clouds import COLOR, INTENSITY, PTX_ROWS, PTX_SCAN, XYZ
 
 PLY = b"ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\nend_header\n"
 PCD = b"VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 2\nHEIGHT 1\nPOINTS 2\nDATA ascii\n"
+LIST = PLY.replace(b"property float x", b"property list uchar float weight\nproperty float x")
+PACKED_LIST = LIST.replace(b"ascii", b"binary_little_endian")
 BROKEN = {
     "empty.ply": (b"", "is empty"),
     "empty.gz": (gzip.compress(b""), "is empty"),
@@ -34,6 +36,10 @@ BROKEN = {
     "none.ply": (PLY.replace(b"vertex", b"corner") + b"1 2 3\n" * 2, "has 0 vertex elements"),
     "twice.ply": (PLY.replace(b"end_header", PLY[21:]) + b"1 2 3\n" * 4, "has 2 vertex elements"),
     "line.ply": (PLY.replace(b"end_header", b"wrong 3\nend_header") + b"1 2 3\n" * 2, "line that means nothing: 'wrong 3'"),
+    "length.ply": (LIST + b"x 1 2 3\n" * 2, "expected the length of the list weight in 'x 1 2 3'"),
+    "row.ply": (LIST + b"1 7 1 2 3\n1 7 1 2 3 4\n", "expected 5 numbers in a row, got 6: '1 7 1 2 3 4'"),
+    "packed.ply": (PACKED_LIST + (b"\1" + b"\1" * 16) * 3, "holds 17 bytes more than the 2 points"),
+    "records.ply": (PACKED_LIST.replace(b"vertex 2", b"vertex 200") + b"\1" * 17, "200 records of vertex, 17 bytes are left"),
     "ragged.ply": (PLY + b"1 2 3\n1 2\n", "number of columns changed"),
     "word.ply": (PLY + b"1 2 3\n1 2 x\n", "could not convert string 'x'"),
     "short.pcd": (PCD.replace(b" 2\n", b" 3\n") + b"1 2 3\n", "truncated: its header promises 3 points, 1 are there"),
@@ -60,6 +66,7 @@ BROKEN = {
     "long.pts": (b"1\n1 2 3\n4 5 6\n", "expected a number of points, got '4 5 6'"),
     "zero.pts": (b"0\n", "holds no point"),
     "short.ptx": (PTX_SCAN.encode() + b"1 2 3 0\n", "a scan promises 4 points, 1 are there"),
+    "pose.ptx": (PTX_SCAN.replace("10 20 30 1\n", "10 20 30 2\n").encode() + PTX_ROWS.encode(), "whose last column is"),
     "header.ptx": (PTX_SCAN.replace("10 20 30 1\n", "").encode() + PTX_ROWS.encode(), "is damaged"),
     "nothing.ptx": ((PTX_SCAN + "0 0 0 0\n" * 4).encode(), r"holds no valid point \(4 invalid returns\)"),
     "faces.obj": (b"f 1 2 3\n", "there is no vertex line"),
