@@ -83,15 +83,19 @@ def test_a_batch_is_searched_cloud_by_cloud():
     np.testing.assert_array_equal(found[0], found[1][::-1])
 
 
-def test_a_batch_is_no_larger_a_program_than_a_cloud():
-    """A search under `vmap` is a loop over the clouds: batched, it would compute both branches of every condition."""
+def test_a_batch_is_searched_by_a_loop():
+    """Batched, a search would compute both branches of every condition, and all clouds as many rounds as the slowest."""
     one = jax.ShapeDtypeStruct((N, 3), jnp.float32)
     many = jax.ShapeDtypeStruct((4, N, 3), jnp.float32)
-    for search in (lambda xyz: knn(xyz, k=K), lambda xyz: radius_count(xyz, radius=0.1)):
-        single, batch = (
-            jax.jit(f).lower(s).as_text().count("\n") for f, s in ((search, one), (jax.vmap(search), many))
+    for search in (lambda xyz: knn(xyz, k=K), lambda xyz: radius_search(xyz, radius=0.1, capacity=K)):
+        programs = (
+            (search, one),
+            (jax.vmap(search), many),
+            (jax.vmap(jax.vmap(search)), many.update(shape=(2, 2, N, 3))),
         )
-        assert batch < 1.3 * single
+        conditions = [jax.jit(f).lower(shape).as_text().count("stablehlo.case") for f, shape in programs]
+        assert conditions == conditions[:1] * 3
+        assert conditions[0] > 0
 
 
 def test_the_program_stays_small():

@@ -1,5 +1,6 @@
 """A cloud made ready for many searches: `build_tree` once, then `query`, `query_radius` and `query_count`."""
 
+from collections.abc import Callable
 from functools import partial, reduce
 from typing import NamedTuple
 
@@ -252,9 +253,7 @@ def within_of(
     inside = nearest.sq_dist <= square_radius
     kept = jnp.sum(inside, axis=1, dtype=jnp.int32)
     # Who found fewer than there is room for has found all; only the others need a second look.
-    count = jax.lax.cond(
-        jnp.any(kept == capacity), lambda: _count_in(tree, asking, targets, square_radius, found_self), lambda: kept
-    )
+    count = _count_in(tree, asking, targets, square_radius, found_self, kept=kept, capacity=capacity)
     neighbors = jnp.where(inside, nearest.neighbors, -1)
     sq_dist = differentiable(nearest.sq_dist, nearest.neighbors, tree, queries)
     return RadiusResult(neighbors, jnp.where(inside, sq_dist, jnp.inf), count, count_status(asking, count, capacity))
@@ -312,21 +311,31 @@ def by_tree(tree: Tree, targets: Tree, rows: int, *, k: int, include_self: bool,
 
 
 def _count_in(
-    tree: SearchTree, asking: Points, targets: Tree | None, square_radius: Array, include_self: bool
+    tree: SearchTree,
+    asking: Points,
+    targets: Tree | None,
+    square_radius: Array,
+    include_self: bool,
+    *,
+    kept: Array | None = None,
+    capacity: int = 0,
 ) -> Int[Array, " q"]:
-    """Points within the radius of each query; 0 for padding and what is not finite."""
+    """Points within the radius of each query, 0 for padding and what is not finite; `kept` where none reaches `capacity`."""
+    rows = asking.xyz.shape[0]
+
+    def unless_kept(kept: Array | None, count: Callable[[], Array]) -> Array:
+        return count() if kept is None else jax.lax.cond(jnp.any(kept == capacity), count, lambda: kept)
+
+    def within(tree: Tree, targets: Tree, square: Array, kept: Array | None) -> Array:
+        return unless_kept(kept, lambda: count_within(tree, targets, rows, square, include_self=include_self))
+
     if tree.tree is None:
         points, queries = tree.points(), asking.columns()
         box, skip = points.lengths(queries.shape[1]), _skip(asking, include_self)
-        count = count_brute(queries, points.columns(), points.usable(), skip, square_radius, box=box)
+        columns, usable = points.columns(), points.usable()
+        count = unless_kept(kept, lambda: count_brute(queries, columns, usable, skip, square_radius, box=box))
     else:
-        assert targets is not None
-        rows = asking.xyz.shape[0]
-        counted = cloud_by_cloud(
-            lambda tree, targets, square: count_within(tree, targets, rows, square, include_self=include_self),
-            everywhere=True,
-        )
-        count = counted(tree.tree, targets, square_radius)
+        count = cloud_by_cloud(within, everywhere=True)(tree.tree, targets, square_radius, kept)
     return jnp.where(asking.usable(), count, 0)
 
 
