@@ -90,6 +90,12 @@ fig11_resnet50_loss: fig7_resnet50
 fig12_adgcnn_loss: fig8_adgcnn
 .PHONY: fig9_alexnet_loss fig10_vgg16_loss fig11_resnet50_loss fig12_adgcnn_loss
 
+# Sizes by a fit to all, kept and true points, and by the network that finds the cable's points first.
+rejection: $(VENV)/.run-stamp ## Train adgcnn_fit on hard clouds, three seeds, and test it on every kind
+	@$(BIN)/python -m experiments.train -m experiment=hard_adgcnn_fit size=$(SIZE) $(if $(SEEDS),"seed=$(SEEDS)")
+	@$(BIN)/python -m experiments.rejection --size $(SIZE)
+.PHONY: rejection
+
 # Transfer starts from a network trained on ModelNet10, which CABLEJAX_DATA must hold.
 fig13_transfer: pretrain
 pretrain: $(VENV)/.run-stamp ## Train on ModelNet10 ($CABLEJAX_DATA), for fig13_transfer to start from

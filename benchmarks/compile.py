@@ -18,7 +18,9 @@ RESULT = Path("results/benchmarks/compile.json")
 OPERATIONS = "fusion|sort|scatter|dot|reduce|gather|while|conditional|call|convolution|custom-call"
 KERNELS = (
     "knn", "knn queries", "radius_search", "radius_count", "statistical_outliers", "radius_outliers", "median_outliers",
-    "clean order 0", "clean order 2 k 100", "adaptive_filter order 2", "feature_graph",
+    "clean order 0", "clean order 2 k 100", "adaptive_filter order 2", "feature_graph", "build_tree", "query", "knn ragged",
+    "knn in a box", "knn_graph", "farthest_point_sampling", "ball_query", "voxel_downsample", "estimate_normals",
+    "orient_normals",
 )  # fmt: skip
 
 
@@ -33,6 +35,7 @@ def program(name: str, points: int) -> tuple[Callable[..., Any], tuple[Any, ...]
     xyz = jax.ShapeDtypeStruct((points, 3), jnp.float32)
     some = jax.ShapeDtypeStruct((points // 10, 3), jnp.float32)
     features = jax.ShapeDtypeStruct((1024, 64), jnp.float32)
+    splits, rows = jax.ShapeDtypeStruct((17,), jnp.int32), jax.ShapeDtypeStruct((points, 20), jnp.int32)
 
     def whole(xyz: jax.Array) -> PointCloud:
         return PointCloud(xyz, jnp.ones(xyz.shape[0], dtype=bool))
@@ -49,6 +52,16 @@ def program(name: str, points: int) -> tuple[Callable[..., Any], tuple[Any, ...]
         "clean order 2 k 100": (lambda xyz: ops.clean(whole(xyz), k=100, order=2), (xyz,)),
         "adaptive_filter order 2": (lambda xyz: ops.adaptive_filter(whole(xyz), k=40, order=2), (xyz,)),
         "feature_graph": (lambda rows: ops.knn_features(rows, k=20), (features,)),
+        "build_tree": (lambda xyz: ops.build_tree(xyz), (xyz,)),
+        "query": (lambda tree: ops.query(tree, k=20), (jax.eval_shape(ops.build_tree, xyz),)),
+        "knn ragged": (lambda xyz, splits: ops.knn(xyz, k=20, row_splits=splits), (xyz, splits)),
+        "knn in a box": (lambda xyz: ops.knn(xyz, k=20, box=jnp.ones(3)), (xyz,)),
+        "knn_graph": (lambda xyz: ops.knn_graph(xyz, k=20), (xyz,)),
+        "farthest_point_sampling": (lambda xyz: ops.farthest_point_sampling(xyz, count=1024), (xyz,)),
+        "ball_query": (lambda xyz, some: ops.ball_query(xyz, some, radius=1.0, capacity=32), (xyz, some)),
+        "voxel_downsample": (lambda xyz: ops.voxel_downsample(xyz, size=1.0), (xyz,)),
+        "estimate_normals": (lambda xyz: ops.estimate_normals(xyz, k=20), (xyz,)),
+        "orient_normals": (ops.orient_normals, (xyz, xyz, rows)),
     }
     return programs[name]
 

@@ -4,7 +4,8 @@
 
 Every scan of `$CABLEJAX_DATA/real` is measured in a process of its own with a time limit. `truth.csv` there gives the truth
 and its grade: A published and confirmed on a mesh, B from CAD or the part's name, C an independent fit or common sense, R
-repeatability alone. "34.4 or 37.0" is a stepped thing: one of the two must lie in the interval. "no cable" must be refused.
+repeatability alone. With `--stations 1` each scan is told to be a single view, as all are but the trees' (`tb_*`), whose
+laser walked round them. "34.4 or 37.0" is a stepped thing: one of the two must lie in the interval. "no cable" must be refused.
 Each scan's row goes to a file of lines beside the result, and a run that was stopped goes on from there.
 """
 
@@ -23,7 +24,17 @@ from cablejax.io import provenance, write_json
 
 LIMIT_S = 120.0
 GRADES = ("A", "B", "C", "R", "")
-ANSWERS = ("diameter_mm", "std_mm", "interval_mm", "arc_deg", "noise_mm", "length_mm", "bend_radius_mm", "points")
+ANSWERS = (
+    "diameter_mm",
+    "form",
+    "std_mm",
+    "interval_mm",
+    "arc_deg",
+    "noise_mm",
+    "length_mm",
+    "bend_radius_mm",
+    "points",
+)
 
 
 def truths(folder: Path) -> list[dict[str, Any]]:
@@ -57,7 +68,7 @@ def verdict(truth: str, row: dict[str, Any]) -> str:
     return "holds" if any(low <= float(one) <= high for one in truth.split(" or ")) else "misses"
 
 
-def measured(path: Path, seed: int) -> dict[str, Any]:
+def measured(path: Path, seed: int, stations: int | None) -> dict[str, Any]:
     """The answer to one scan, in millimetres as the file holds it."""
     from cablejax.io import read_points
     from cablejax.measure import MeasureError, MeasureSettings, measure_cable
@@ -65,7 +76,7 @@ def measured(path: Path, seed: int) -> dict[str, Any]:
     xyz = read_points(path, unit="mm").xyz_mm
     start = time.perf_counter()
     try:
-        result = measure_cable(xyz, settings=MeasureSettings(seed=seed)).to_dict()
+        result = measure_cable(xyz, settings=MeasureSettings(seed=seed, stations=stations)).to_dict()
     except MeasureError as error:
         return {"refused": str(error), "seconds": time.perf_counter() - start}
     row = {name: result[name] for name in ANSWERS}
@@ -73,7 +84,7 @@ def measured(path: Path, seed: int) -> dict[str, Any]:
     return {**row, "seconds": time.perf_counter() - start}
 
 
-def _serve(pipe: Connection, seed: int) -> None:
+def _serve(pipe: Connection, seed: int, stations: int | None) -> None:
     """Answer paths with rows until the pipe is closed; what is no refusal is told and not raised."""
     while True:
         try:
@@ -81,7 +92,7 @@ def _serve(pipe: Connection, seed: int) -> None:
         except EOFError:
             return
         try:
-            pipe.send(measured(path, seed))
+            pipe.send(measured(path, seed, stations))
         except (ArithmeticError, LookupError, MemoryError, RuntimeError, TypeError, ValueError) as error:
             # A crash is a result of this benchmark; what is none of these ends the process, which shows as well.
             pipe.send({"failed": f"{type(error).__name__}: {error}"})
@@ -90,14 +101,14 @@ def _serve(pipe: Connection, seed: int) -> None:
 class Worker:
     """A process that measures scan after scan, and is replaced by another where one takes too long."""
 
-    def __init__(self, *, seed: int, limit_s: float) -> None:
-        self.seed, self.limit_s = seed, limit_s
+    def __init__(self, *, seed: int, stations: int | None, limit_s: float) -> None:
+        self.seed, self.stations, self.limit_s = seed, stations, limit_s
         self._start()
 
     def _start(self) -> None:
         context = get_context("spawn")
         self.pipe, theirs = context.Pipe()
-        self.process = context.Process(target=_serve, args=(theirs, self.seed), daemon=True)
+        self.process = context.Process(target=_serve, args=(theirs, self.seed, self.stations), daemon=True)
         self.process.start()
         theirs.close()
 
@@ -137,7 +148,7 @@ def gather(options: argparse.Namespace) -> list[dict[str, Any]]:
     if not (folder / "truth.csv").is_file():
         raise SystemExit(f"{folder}: holds no truth.csv; CABLEJAX_DATA names the folder that real/ lies in")
     lines = Path(options.out).with_suffix(".jsonl") if options.out else None
-    run = {"seed": options.seed, "limit_s": options.limit}
+    run = {"seed": options.seed, "limit_s": options.limit, "stations": options.stations}
     done: dict[str, dict[str, Any]] = {}
     if lines is not None and lines.is_file():
         head, *kept = [json.loads(line) for line in lines.read_text().splitlines()]
@@ -147,7 +158,7 @@ def gather(options: argparse.Namespace) -> list[dict[str, Any]]:
     elif lines is not None:
         lines.parent.mkdir(parents=True, exist_ok=True)
         lines.write_text(json.dumps(run) + "\n")
-    worker, rows = Worker(seed=options.seed, limit_s=options.limit), []
+    worker, rows = Worker(seed=options.seed, stations=options.stations, limit_s=options.limit), []
     for one in truths(folder):
         if not any(fnmatch(one["scan"], pattern) for pattern in options.only.split(",")):
             continue
@@ -177,6 +188,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", default="*", help="patterns of scans' names, between commas")
     parser.add_argument("--seed", type=int, default=0, help="of the search")
+    parser.add_argument("--stations", type=int, help="what each measurement is told: 1 for single views, as most are")
     parser.add_argument("--limit", type=float, default=LIMIT_S, help="seconds for each scan")
     parser.add_argument("--out", help="JSON file to write")
     options = parser.parse_args()
@@ -188,7 +200,9 @@ def main() -> None:
             )
         )
     if options.out:
-        kept = provenance(seeds=[options.seed], config={"limit_s": options.limit, "only": options.only})
+        kept = provenance(
+            seeds=[options.seed], config={"limit_s": options.limit, "only": options.only, "stations": options.stations}
+        )
         write_json(options.out, {"table": summary(rows), "scans": rows, "provenance": kept})
 
 

@@ -11,7 +11,7 @@ import argparse
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -129,40 +129,75 @@ def reliability(logits: np.ndarray, label: np.ndarray) -> dict[str, Any]:
     }
 
 
-def tested(model: ADGCNNFit, cfg: Config) -> dict[str, Any]:
-    """A network on the test clouds of a configuration."""
-    split, nominal = held_out(cfg, "test"), clouds_of(cfg.dataset, 1).diameters_mm
-    label, said = np.asarray(split.label), estimates(model, split)
-    kept, logits = (np.asarray(said.scores) > 0) & np.asarray(split.mask), np.asarray(said.logits)
-    truth = np.asarray(split.on_cable)
-    right = np.argmax(logits, axis=1) == label
+class Reference(NamedTuple):
+    """What is known of test clouds without any network.
+
+    Attributes:
+        told: Accuracies by fits to all and to the true points, and by likelihood.
+        likely: The likeliest size of each cloud by its true points `[N]`.
+        arc: Number of the interval of `ARCS_DEG` that each cloud's arc lies in `[N]`.
+    """
+
+    told: dict[str, Any]
+    likely: np.ndarray
+    arc: np.ndarray
+
+
+def reference(split: Split, nominal: tuple[float, ...]) -> Reference:
+    """Test clouds by fits and by likelihood."""
     arc, noise = arcs_deg(split)
     likely = most_likely(split, nominal, noise)
-    place = np.digitize(arc, ARCS_DEG) - 1
-    return {
-        "clouds": len(label),
+    told = {
+        "clouds": len(split.label),
         "all": by_fit(split, np.asarray(split.mask), nominal),
+        "true": by_fit(split, np.asarray(split.on_cable), nominal),
+        "likelihood": sizes_told(likely, np.asarray(split.label)),
+    }
+    return Reference(told, likely, np.digitize(arc, ARCS_DEG[1:-1]))
+
+
+def tested(model: ADGCNNFit, split: Split, nominal: tuple[float, ...], known: Reference) -> dict[str, Any]:
+    """A network on test clouds, beside what is known of them."""
+    label, said = np.asarray(split.label), estimates(model, split)
+    kept, logits = (np.asarray(said.scores) > 0) & np.asarray(split.mask), np.asarray(said.logits)
+    truth, predicted = np.asarray(split.on_cable), logits.argmax(axis=1)
+    return {
+        **known.told,
         "kept": by_fit(split, kept, nominal),
-        "true": by_fit(split, truth, nominal),
         "adgcnn_fit": {
-            **sizes_told(np.argmax(logits, axis=1), label),
+            **sizes_told(predicted, label),
             "median_error_mm": float(np.median(np.abs(said.diameter_mm - np.asarray(split.diameter_mm)))),
         },
-        "likelihood": sizes_told(likely, label),
         "iou_cable": float((kept & truth).sum() / (kept | truth).sum()),
         "reliability": reliability(logits, label),
         "by_arc": [
             {
                 "from_deg": ARCS_DEG[i],
                 "to_deg": ARCS_DEG[i + 1],
-                "clouds": int((place == i).sum()),
-                "adgcnn_fit": float(right[place == i].mean()),
-                "likelihood": float((likely == label)[place == i].mean()),
+                "clouds": int(here.sum()),
+                "adgcnn_fit": float((predicted == label)[here].mean()),
+                "likelihood": float((known.likely == label)[here].mean()),
             }
             for i in range(len(ARCS_DEG) - 1)
-            if (place == i).any()
+            if (here := known.arc == i).any()
         ],
     }
+
+
+def trained(folder: Path) -> list[tuple[Config, ADGCNNFit, dict[str, Any]]]:
+    """The networks of the finished runs below a folder, each with its configuration and record.
+
+    Raises:
+        CollectError: If there is no run, or runs come from several revisions.
+    """
+    found = []
+    for record, path in zip(read_records(folder), sorted(folder.glob(f"*/{RECORD}")), strict=True):
+        cfg = from_flat(flatten(record["config"]))
+        model = initialise_from(initial_model(cfg, len(cfg.dataset.sizes_mm2)), path.parent).model
+        assert isinstance(model, ADGCNNFit)
+        model.eval()
+        found.append((cfg, model, record))
+    return found
 
 
 def run(runs: Path, out: Path, *, size: str, allow_dirty: bool = False) -> dict[str, Any]:
@@ -171,32 +206,28 @@ def run(runs: Path, out: Path, *, size: str, allow_dirty: bool = False) -> dict[
     Raises:
         CollectError: If there is no run, runs come from several revisions, or code was not committed.
     """
-    folder = runs / TRAINED / size
-    records, rows = read_records(folder), []
-    trained_by = records[0]["code_revision"]
-    for revision in (trained_by, code_revision()):
+    networks, rows = trained(runs / TRAINED / size), []
+    first, _, record = networks[0]
+    for revision in (record["code_revision"], code_revision()):
         if not allow_dirty and not is_clean(revision):
             raise CollectError(f"{TRAINED}: made by uncommitted code ({revision}); commit and run again")
-    for record, path in zip(records, sorted(folder.glob(f"*/{RECORD}")), strict=True):
-        cfg = from_flat(flatten(record["config"]))
-        model = initialise_from(initial_model(cfg, len(cfg.dataset.sizes_mm2)), path.parent).model
-        assert isinstance(model, ADGCNNFit)
-        model.eval()
-        for version, n_points in CLOUDS:
+    nominal = clouds_of(first.dataset, 1).diameters_mm
+    for version, n_points in CLOUDS:
+        split = held_out(replace(first, dataset=replace(first.dataset, version=version, n_points=n_points)), "test")
+        known = reference(split, nominal)
+        for cfg, model, _ in networks:
+            print(f"{version}, {n_points} points: seed {cfg.seed}", file=sys.stderr, flush=True)
             cell = {"dataset": version, "n_points": n_points, "seed": cfg.seed}
-            print(f"seed {cfg.seed}: {n_points} points, {version}", file=sys.stderr, flush=True)
-            rows.append(
-                cell | tested(model, replace(cfg, dataset=replace(cfg.dataset, version=version, n_points=n_points)))
-            )
+            rows.append(cell | tested(model, split, nominal, known))
     result = {
         "experiment": "rejection",
         "size": size,
         "seeds": sorted({row["seed"] for row in rows}),
         "code_revision": code_revision(),
-        "trained_by": trained_by,
-        "train_seconds": [round(record["metrics"]["train_seconds"], 1) for record in records],
+        "trained_by": record["code_revision"],
+        "train_seconds": [round(each["metrics"]["train_seconds"], 1) for _, _, each in networks],
         "provenance": {k: v for k, v in provenance(seeds=[]).items() if k not in ("seeds", "git")},
-        "config": {k: v for k, v in flatten(records[0]["config"]).items() if k != "seed"},
+        "config": {k: v for k, v in flatten(record["config"]).items() if k != "seed"},
         "runs": rows,
     }
     out.mkdir(parents=True, exist_ok=True)

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+from collections.abc import Iterator
 from typing import IO
 
 from cablejax.batch.task import Outcome, Task
@@ -38,11 +39,13 @@ class Child:
     def __init__(self) -> None:
         self._process: subprocess.Popen[str] | None = None
         self._errors: IO[bytes] | None = None
-        self._closed = False
+        self.closed, self._late = False, False
         self._lock = threading.Lock()
 
     def run(self, task: Task, *, retries: int = RETRIES) -> Outcome:
         """A task's outcome; where its process dies, it is begun anew in a fresh one up to `retries` times.
+
+        One that takes too long is not: it would again.
 
         Raises:
             ClosedError: If the child was closed before or meanwhile.
@@ -53,10 +56,14 @@ class Child:
             if outcome is not None:
                 return outcome._replace(attempts=attempt)
             reason = self._buried()
+            if self._late:
+                reason = f"took longer than {task.time_limit_s:g} s"
+                return Outcome(task.name, "crashed", reason=reason, attempts=attempt)
         return Outcome(task.name, "crashed", reason=f"its process {reason}, {retries + 1} times", attempts=retries + 1)
 
     def _attempt(self, task: Task) -> Outcome | None:
         """The outcome, None where the process has died."""
+        self._late = False
         process = self._process if self._process is not None else self._started()
         assert process.stdin is not None
         assert process.stdout is not None
@@ -65,7 +72,8 @@ class Child:
             process.stdin.flush()
         except OSError:  # it has died since the last task
             return None
-        line = process.stdout.readline()
+        with self._limited(task.time_limit_s, process):
+            line = process.stdout.readline()
         if not line.endswith("\n"):
             return None
         *outcome, last = json.loads(line)
@@ -73,9 +81,26 @@ class Child:
             self._buried()
         return Outcome(*outcome)
 
+    @contextlib.contextmanager
+    def _limited(self, seconds: float | None, process: subprocess.Popen[str]) -> Iterator[None]:
+        """Kill the process when the time is over."""
+
+        def stop() -> None:
+            self._late = True
+            process.kill()
+
+        timer = threading.Timer(seconds if seconds is not None else 0.0, stop)
+        timer.daemon = True
+        if seconds is not None:
+            timer.start()
+        try:
+            yield
+        finally:
+            timer.cancel()
+
     def _started(self) -> subprocess.Popen[str]:
         with self._lock:
-            if self._closed:
+            if self.closed:
                 raise ClosedError
             self._errors = tempfile.TemporaryFile()  # noqa: SIM115 (open as long as the process)
             self._process = subprocess.Popen(
@@ -110,12 +135,12 @@ class Child:
     def close(self) -> None:
         """End the process, in the middle of a task too: its `run` raises `ClosedError`."""
         with self._lock:
-            self._closed = True
+            self.closed = True
             if self._process is not None:
                 self._process.kill()
 
     def bury(self) -> None:
-        """Close, and wait for the end; for the thread that runs the tasks."""
+        """Close, and wait for the end; when no thread runs a task in it."""
         self.close()
         if self._process is not None:
             self._buried()

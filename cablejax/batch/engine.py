@@ -1,6 +1,5 @@
 """Where tasks run: in this process, in several of this machine, or on the workers of a Dask cluster."""
 
-import contextlib
 import os
 import queue
 import threading
@@ -23,6 +22,10 @@ class Engine(Protocol):
         """An outcome a task. Closing the generator ends the tasks in flight."""
         ...
 
+    def close(self) -> None:
+        """Let go of what is kept between runs."""
+        ...
+
 
 class Here:
     """One after the other in this process: a crash is everybody's."""
@@ -32,9 +35,12 @@ class Here:
         for task in tasks:
             yield call(task)
 
+    def close(self) -> None:
+        """Nothing is kept."""
+
 
 class Processes:
-    """In processes of this machine, each with one thread.
+    """In processes of this machine, each with one thread; they stay for the next run, until the engine is closed.
 
     Args:
         jobs: How many at once; as many as there are cores if None.
@@ -47,6 +53,7 @@ class Processes:
         self.jobs = usable_cores() if jobs is None else jobs
         if self.jobs < 1:
             raise ValueError(f"jobs: expected at least 1, got {jobs}")
+        self._idle: list[Child] = []
 
     def run(self, tasks: Sequence[Task]) -> Generator[Outcome, None, None]:
         """As `Engine.run`."""
@@ -54,30 +61,49 @@ class Processes:
         for task in tasks:
             todo.put(task)
         found: queue.SimpleQueue[Outcome | BaseException] = queue.SimpleQueue()
-        children = [Child() for _ in range(min(self.jobs, len(tasks)))]
-        for child in children:
-            threading.Thread(target=_feed, args=(child, todo, found), daemon=True).start()
+        children = [self._idle.pop() if self._idle else Child() for _ in range(min(self.jobs, len(tasks)))]
+        threads = [threading.Thread(target=_feed, args=(child, todo, found), daemon=True) for child in children]
+        for thread in threads:
+            thread.start()
+        left = len(tasks)
         try:
-            for _ in tasks:
+            while left:
                 outcome = found.get()
                 if isinstance(outcome, BaseException):
                     raise outcome
+                left -= 1
                 yield outcome
         finally:
-            for child in children:
-                child.close()
+            if left:
+                for child in children:
+                    child.close()
+            for child, thread in zip(children, threads, strict=True):
+                thread.join()
+                if child.closed:
+                    child.bury()
+                else:
+                    self._idle.append(child)
+
+    def close(self) -> None:
+        """End the processes."""
+        while self._idle:
+            self._idle.pop().bury()
+
+    def __del__(self) -> None:
+        if hasattr(self, "_idle"):  # not where `jobs` was refused
+            self.close()
 
 
 def _feed(child: Child, todo: "queue.SimpleQueue[Task]", found: "queue.SimpleQueue[Outcome | BaseException]") -> None:
     """Hand tasks to a child until there are none."""
     try:
-        with contextlib.suppress(queue.Empty, ClosedError):
-            while True:
-                found.put(child.run(todo.get_nowait()))
+        while True:
+            found.put(child.run(todo.get_nowait()))
+    except (queue.Empty, ClosedError):
+        pass
     except BaseException as error:  # noqa: BLE001 (no more processes, say: who waits must hear of it)
+        child.close()
         found.put(error)
-    finally:
-        child.bury()
 
 
 def usable_cores() -> int:
@@ -125,6 +151,9 @@ class Dask:
             }
             for future in as_completed(list(futures), loop=client.loop):
                 yield self._outcome(future, futures.pop(future))
+
+    def close(self) -> None:
+        """Nothing is kept here."""
 
     def _outcome(self, future: Any, task: Task) -> Outcome:
         if future.status == "finished":

@@ -35,7 +35,9 @@ SCAN: tuple[Column, ...] = (
     Column("file", "text", "name of the scan within the folder"),
     Column("cable", "whole", "number of the cable within the scan, from 1; empty where there is none"),
     Column("cables", "whole", "how many cables the scan has rows for"),
-    Column("outcome", "text", "`result`, `no result` (see `error`), `defect` of this program, or `crashed`"),
+    Column(
+        "outcome", "text", "`result`, `no result` (see `error`), `defect` of this program, or `crashed` or too slow"
+    ),
 )
 ABOUT: tuple[Column, ...] = (
     Column("warnings", "text", "what should be known before the numbers are used"),

@@ -13,12 +13,14 @@ class Task(NamedTuple):
         function: Where it is: "package.module:function".
         arguments: By keyword; JSON-ready.
         folder: Where relative paths among them begin.
+        time_limit_s: After which a process of its own is killed; no limit if None, or without such a process.
     """
 
     name: str
     function: str
     arguments: dict[str, Any]
     folder: str
+    time_limit_s: float | None = None
 
 
 class Outcome(NamedTuple):
@@ -26,7 +28,8 @@ class Outcome(NamedTuple):
 
     Attributes:
         name: Of the task.
-        kind: "returned"; "raised", for an exception; "crashed", where its process died each time.
+        kind: "returned"; "raised", for an exception; "crashed", where its process died each time, or
+            took too long.
         value: What the function returned, JSON-ready; None otherwise.
         reason: The exception or the death in words; empty where it returned.
         attempts: How often it was begun.

@@ -13,7 +13,6 @@ if TYPE_CHECKING:
 
 PIECES = 16  # samples of the cable whose probabilities are averaged
 PIECE_MM = 150.0  # length of cable that a sample shows; training clouds show 120 to 250
-OFFERED = ("adgcnn", "adgcnn_fit")  # of the package, for longer and for shorter arcs
 
 
 class _Network(NamedTuple):
@@ -25,7 +24,6 @@ class _Network(NamedTuple):
     labels: list[str]
     clouds: dict[str, Any]
     accuracy: float
-    notes: list[str]
 
 
 def _of_run(folder: str) -> _Network:
@@ -47,7 +45,6 @@ def _of_run(folder: str) -> _Network:
         labels,
         config["dataset"],
         metrics["test_overall"],
-        [],
     )
 
 
@@ -58,37 +55,18 @@ def _diameters(labels: list[str]) -> list[float]:
     return list(DatasetConfig(sizes_mm2=tuple(float(label) for label in labels)).diameters_mm)
 
 
-def _of_package(name: str | None, arc_deg: float) -> _Network:
-    """A network that comes with the package; without a name the one whose training clouds show arcs like this."""
+def _of_package(name: str) -> _Network:
+    """A network that comes with the package."""
     from cablejax.nets import WeightsError, load_pretrained
-    from cablejax.nets.pretrained import read_card
 
     try:
-        if name is None:
-            name = min(OFFERED, key=lambda each: _beyond(arc_deg, read_card(each)["clouds"]["arc_deg"]))
         network, card = load_pretrained(name)
     except WeightsError as error:
         raise NoResultError(str(error).replace("name: ", "--network: ", 1)) from None
-    if "arc_deg" not in card["clouds"]:
-        raise NoResultError(f"--network: expected one of {', '.join(OFFERED)}, got {name!r}, which tells no size")
-    low, high = card["clouds"]["arc_deg"]
-    notes = []
-    if _beyond(arc_deg, (low, high)):
-        notes.append(f"{name} learnt from arcs of {low:g} to {high:g} degrees, and {arc_deg:.0f} are seen here")
-    return _Network(
-        network,
-        card["model"],
-        f"cablejax.nets.load_pretrained({name!r})",
-        card["classes"],
-        card["clouds"],
-        card["accuracy"]["test"],
-        notes,
-    )
-
-
-def _beyond(value: float, limits: "tuple[float, float] | list[float]") -> float:
-    """By how much a value lies outside of an interval; 0 within it."""
-    return max(limits[0] - value, value - limits[1], 0.0)
+    if "length_mm" not in card["clouds"]:
+        raise NoResultError(f"--network: expected one that tells sizes, got {name!r}: {card['about']}")
+    source = f"cablejax.nets.load_pretrained({name!r})"
+    return _Network(network, card["model"], source, card["classes"], card["clouds"], card["accuracy"]["test"])
 
 
 def _pieces(xyz: "np.ndarray", along: "np.ndarray", clouds: dict[str, Any], seed: int):
@@ -114,7 +92,7 @@ def _pieces(xyz: "np.ndarray", along: "np.ndarray", clouds: dict[str, Any], seed
 
 def run(options: argparse.Namespace) -> dict[str, Any]:
     """Find the cable, sample it, average the network's probabilities over the samples."""
-    chosen = None if options.checkpoint is None else _of_run(options.checkpoint)
+    told = _of_package(options.network) if options.checkpoint is None else _of_run(options.checkpoint)
     scan = load(options, options.scan)
     import jax
     import numpy as np
@@ -126,7 +104,6 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
         measured = measure_cable(scan.xyz_mm)
     except MeasureError as error:
         raise NoResultError(f"{options.scan}: {error}") from None
-    told = chosen or _of_package(options.network, measured.arc_deg)
     say(options, f"classifying by {told.source}")
     xyz, along = scan.xyz_mm[measured.keep], measured.along_mm[measured.keep]
     logits = np.asarray(jax.jit(told.network)(*_pieces(xyz, along, told.clouds, options.seed)))
@@ -140,7 +117,6 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
         "size_mm2": told.labels[order[0]],
         "probabilities": {told.labels[i]: float(chance[i]) for i in order},
         "measured_diameter_mm": measured.diameter_mm,
-        "warnings": told.notes,
     }
 
 
@@ -152,4 +128,4 @@ def table(result: dict[str, Any]) -> str:
         ("diameter measured", f"{result['measured_diameter_mm']:.3f} mm"),
         *((f"{name} mm2", f"{100 * p:.1f} %") for name, p in result["probabilities"].items() if p >= 0.001),
     ]
-    return "\n".join([result["file"], rows(pairs), *(f"  note: {each}" for each in result["warnings"])])
+    return "\n".join([result["file"], rows(pairs)])

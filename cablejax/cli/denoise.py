@@ -1,6 +1,7 @@
 """`cablejax denoise`: outliers out, the rest smoothed, the cloud written; large files tile by tile."""
 
 import argparse
+import contextlib
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +9,7 @@ from cablejax.batch.table import Column
 from cablejax.cli import folder
 from cablejax.cli.capacity import padded
 from cablejax.cli.errors import NoResultError
-from cablejax.cli.scans import WRITABLE, check_output, load, rows, save, say
+from cablejax.cli.scans import WRITABLE, check_output, load, rows, save, say, unit_of
 from cablejax.cli.streams import tell
 
 LARGE = 1 << 28  # bytes of a file from which on it is cleaned in tiles unasked
@@ -96,6 +97,9 @@ def _whole(options: argparse.Namespace) -> dict[str, Any]:
         "removed": int((~rest).sum()),
         "moved_rms_mm": float(np.sqrt(np.mean(moved**2))),
         "kernel_width_mm": width,
+        "tiles": None,
+        "halo_mm": None,
+        "cut": None,
     }
 
 
@@ -105,8 +109,6 @@ def _tiled(options: argparse.Namespace, tile_points: int) -> dict[str, Any]:
     from cablejax.io import PointFileError
     from cablejax.tiles import Settings, TileError, denoise_file
 
-    if options.unit is None:
-        tell("cablejax: warning: no --unit given, the file is taken to be in mm")
     settings = Settings(
         std_ratio=options.std_ratio, k=options.neighbors, order=options.order, smooth=not options.no_filter
     )
@@ -115,11 +117,12 @@ def _tiled(options: argparse.Namespace, tile_points: int) -> dict[str, Any]:
     except ValueError as error:
         raise NoResultError(f"--{error}") from None
     try:
-        result = denoise_file(
-            options.scan, options.output, settings=settings, unit=options.unit or "mm", columns=options.columns,
-            tile_points=tile_points, chunk=CHUNK, engine=engine,
-            progress=lambda stage, done, total: say(options, f"{stage}: {done:,} of {total:,}"),
-        )  # fmt: skip
+        with contextlib.closing(engine):
+            result = denoise_file(
+                options.scan, options.output, settings=settings, unit=unit_of(options, options.scan), columns=options.columns,
+                tile_points=tile_points, chunk=CHUNK, engine=engine,
+                progress=lambda stage, done, total: say(options, f"{stage}: {done:,} of {total:,}"),
+            )  # fmt: skip
     except (PointFileError, TileError, EngineError, ValueError) as error:
         raise NoResultError(str(error)) from None
     except OSError as error:
@@ -147,7 +150,7 @@ def table(result: dict[str, Any]) -> str:
     if "rows" in result:
         return folder.table(result, lambda row: f"{row['removed']:,} of {row['points']:,} points removed")
     width = result["kernel_width_mm"]
-    tiles = [("tiles", f"{result['tiles']:,}, halo {result['halo_mm']:.3g} mm")] if "tiles" in result else []
+    tiles = [("tiles", f"{result['tiles']:,}, halo {result['halo_mm']:.3g} mm")] if result["tiles"] else []
     return rows(
         [
             ("points", f"{result['points']:,}"),

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 FINAL = ("result", "no result")  # outcomes that another run would not change
 # What a result does not depend on.
 NEUTRAL = (
-    "command", "scan", "json", "quiet", "csv", "jsonl", "jobs", "scheduler", "resume", "report", "output", "export",
+    "command", "scan", "json", "quiet", "csv", "jsonl", "jobs", "scheduler", "resume", "time_limit", "report", "output", "export",
     "plan", "pattern", "chart",
 )  # fmt: skip
 SHOWN = 50  # scans that a summary lists one by one
@@ -43,6 +43,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--jsonl", metavar="FILE.jsonl", help="the same rows as JSON lines")
     group.add_argument("--jobs", type=int, metavar="N", help="processes (default: one a core; 0: none but this one)")
     group.add_argument("--scheduler", metavar="ADDRESS", help="work on a Dask cluster: tcp://10.0.0.1:8786")
+    group.add_argument(
+        "--time-limit", type=float, metavar="S", help="seconds after which a scan is given up (default: none)"
+    )
     group.add_argument(
         "--resume", action=argparse.BooleanOptionalAction, default=True,
         help="pass over scans that the table holds, if file, options and version are the same (default)",
@@ -74,6 +77,8 @@ def run_folder(options: argparse.Namespace, places: Places | None = None) -> dic
     """
     from cablejax.batch import EngineError, TableError, engine_for
 
+    if options.time_limit is not None and not options.time_limit > 0:
+        raise NoResultError(f"--time-limit: expected more than 0 s, got {options.time_limit:g}")
     module = importlib.import_module(f"cablejax.cli.{options.command}")
     folder, tables = Path(options.scan), [path for path in (options.csv, options.jsonl) if path is not None]
     for path, ending in ((options.csv, ".csv"), (options.jsonl, ".jsonl")):
@@ -86,7 +91,7 @@ def run_folder(options: argparse.Namespace, places: Places | None = None) -> dic
     except ValueError as error:
         raise NoResultError(f"--{error}") from None
     try:
-        with _tables(tables, module, fresh=not options.resume) as opened:
+        with contextlib.closing(engine), _tables(tables, module, fresh=not options.resume) as opened:
             batch = _Batch(options, module.SCHEMA, module.COLUMNS, files, opened, places)
             for place in places.values():
                 make_folder(place(files[0]).parent)
@@ -209,7 +214,7 @@ class _Batch:
         chosen = {option: str(place(path)) for option, place in self.places.items()}
         for_one = {"scan": str(path), "quiet": True, "csv": None, "jsonl": None, "jobs": 0, "scheduler": None}
         given = vars(self.options) | for_one | chosen
-        return Task(name, f"{__name__}:scan_task", {"options": given}, str(Path.cwd()))
+        return Task(name, f"{__name__}:scan_task", {"options": given}, str(Path.cwd()), self.options.time_limit)
 
     def _rows(self, outcome: "Outcome") -> "list[Row]":
         """A scan's rows, all columns filled."""
@@ -242,7 +247,6 @@ class _Batch:
                 f"{firsts[0]['file']}: {firsts[0]['error']}"
             )
         return {
-            "schema": "folder/1",
             "command": self.options.command,
             "folder": self.options.scan,
             "csv": self.options.csv,

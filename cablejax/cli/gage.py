@@ -53,7 +53,6 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
     if options.chart is not None:
         _save_chart(options.chart, parts, operators, values, study)
     return {
-        "schema": "gage/1",
         "folder": options.scan,
         "parts": parts,
         "operators": operators,

@@ -2,12 +2,11 @@
 
 import argparse
 import importlib
-import json
 import warnings
 from collections.abc import Sequence
 
 from cablejax import __version__
-from cablejax.cli import exports, folder, gage
+from cablejax.cli import exports, folder, gage, schema
 from cablejax.cli.errors import NoResultError
 from cablejax.cli.streams import put_out, settle_streams, tell
 from cablejax.jax_sums import WrongSumsError, check_sums
@@ -90,6 +89,7 @@ def _gage(sub: argparse._SubParsersAction) -> None:
     gage.add_arguments(parser)
     parser.add_argument("--unit", choices=UNITS, help="unit of the files' coordinates")
     _columns(parser)
+    parser.set_defaults(all=False, expect=None, picture=None)
     _measure_options(parser)
     folder.add_arguments(parser)
 
@@ -110,6 +110,11 @@ def _classify(sub: argparse._SubParsersAction) -> None:
 def _completion(sub: argparse._SubParsersAction) -> None:
     parser = sub.add_parser("completion", help="a script for the shell: source <(cablejax completion bash)")
     parser.add_argument("shell", choices=("bash", "zsh"))
+
+
+def _schema(sub: argparse._SubParsersAction) -> None:
+    parser = sub.add_parser("schema", help="the JSON Schema of what a command prints with --json")
+    parser.add_argument("name", choices=schema.VERSIONS, metavar="name", help=", ".join(schema.VERSIONS))
 
 
 def _measure_options(parser: argparse.ArgumentParser) -> None:
@@ -197,19 +202,24 @@ def _register(sub: argparse._SubParsersAction) -> None:
     )
     parser.add_argument("--method", choices=("point", "plane", "gicp"), default="gicp", help="default: gicp")
     parser.add_argument("--kernel", choices=("none", "huber", "cauchy", "tukey"), default="none", help="default: none")
-    parser.add_argument("--max-distance", type=float, metavar="MM", help="between partners (default: from the spacing)")
+    parser.add_argument(
+        "--max-distance",
+        type=float,
+        metavar="MM",
+        help="register once, from where the scans lie, with partners no further apart",
+    )
     parser.add_argument(
         "--voxels",
         type=float,
         nargs="+",
         metavar="MM",
-        help="from coarse to fine: 500 250 125, partners within 4 voxels (2 for more than two scans)",
+        help="from coarse to fine: 500 250 125, partners within 4 voxels (2 for more than two scans); two scans find their own",
     )
     parser.add_argument(
         "--start",
         choices=("given", "features"),
-        default="given",
-        help="given: the scans lie near each other as they are (default); features: nothing is known of the pose",
+        help="with --voxels: given, the scans lie near each other as they are (default), or features, nothing is known of the "
+        "pose; without, several starts are compared",
     )
 
 
@@ -245,6 +255,7 @@ COMMANDS = {
     "gage": _gage,
     "classify": _classify,
     "simulate": _simulate,
+    "schema": _schema,
     "completion": _completion,
 }
 
@@ -284,12 +295,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with warnings.catch_warnings():
         warnings.showwarning = _warn_plainly
         try:
-            if options.command != "completion":
+            if options.command not in ("completion", "schema"):
                 set_up_jax()
                 check_sums()
             module = importlib.import_module(f"cablejax.cli.{options.command}")
             result = module.run(options)
-            text = json.dumps(result, indent=2, allow_nan=False) if options.json else module.table(result)
+            text = schema.as_json(options.command, result) if options.json else module.table(result)
             return EXIT_OK if put_out(text) else EXIT_NO_RESULT
         except (NoResultError, MissingPackageError, WrongSumsError) as error:
             tell(f"cablejax: {error}")

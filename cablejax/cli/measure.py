@@ -138,6 +138,14 @@ def _line(row: dict[str, Any]) -> str:
     return f"{row['diameter_mm']:.3f} mm{_interval([row['low_mm'], row['high_mm']])}{size}"
 
 
+def _stretch(one: dict[str, Any]) -> tuple[str, str]:
+    """A stretch of constant or tapering diameter: where it is, and its diameter with the 95 % interval."""
+    told = f"{one['first_mm']:.2f} mm{_interval(one['first_interval_mm'], '.2f')}"
+    if one["kind"] == "tapering":
+        told += f" to {one['last_mm']:.2f} mm{_interval(one['last_interval_mm'], '.2f')}"
+    return f"  {one['from_mm']:.0f} to {one['to_mm']:.0f} mm", told
+
+
 def table(result: dict[str, Any]) -> str:
     """The result for reading: numbers, budget, nominal sizes, warnings."""
     if "rows" in result:
@@ -157,6 +165,8 @@ def table(result: dict[str, Any]) -> str:
         jaws = r["free_section"]["square_mm"]
         round_ = f"{r['free_section']['diameter_mm']:.3f} mm round by its perimeter"
         pairs.append(("free-form section", f"{jaws[0]:.3f} mm by {jaws[1]:.3f} mm between jaws, {round_}"))
+    if r["form"] != "one diameter":
+        pairs += [("along its length", r["form"]), *(_stretch(one) for one in r["stretches"])]
     pairs += [
         ("length", f"{r['length_mm']:.1f} mm"),
         ("bend radius", bend),

@@ -15,10 +15,8 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
     """Read all, register, write what was moved."""
     if len(options.scans) < 2:
         raise NoResultError(f"scans: expected two files or more, got {len(options.scans)}")
-    if options.voxels is None and (len(options.scans) > 2 or options.start != "given"):
-        raise NoResultError(
-            "--voxels: are needed for more than two scans and for --start features, coarse to fine in mm"
-        )
+    if options.voxels is None and len(options.scans) > 2:
+        raise NoResultError("--voxels: are needed for more than two scans, coarse to fine in mm")
     if options.output is not None:
         check_output(options.output, WRITABLE)
     scans = [load(options, path) for path in options.scans]
@@ -30,24 +28,27 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
 
 def _pair(options: argparse.Namespace, source: "PointFile", target: "PointFile") -> dict[str, Any]:
     """One onto the other."""
-    from cablejax.registration import icp, register
+    from cablejax.registration import icp, register, register_auto
     from cablejax.types import Status, describe
 
     say(options, f"registering {len(source.xyz_mm):,} points onto {len(target.xyz_mm):,}")
+    tried: dict[str, Any] = {"voxels_mm": options.voxels, "start": options.start or "given", "doubts": []}
     if options.voxels:
         found = register(
             source.xyz_mm, target.xyz_mm, voxels=options.voxels, method=options.method, kernel=options.kernel,
-            start=options.start,
+            start=options.start or "given",
         )  # fmt: skip
-    else:
+    elif options.max_distance is not None:
         found = icp(
             source.xyz_mm, target.xyz_mm, method=options.method, kernel=options.kernel,
             max_distance=options.max_distance,
         )  # fmt: skip
+    else:
+        best = register_auto(source.xyz_mm, target.xyz_mm, method=options.method, kernel=options.kernel)
+        found = best.result
+        tried = {"voxels_mm": list(best.voxels), "start": best.start, "doubts": list(best.doubts)}
     if found.status & Status.EMPTY:
-        raise NoResultError(
-            f"{options.scans[0]}: too few points lie near the target: give --max-distance, or --start features"
-        )
+        raise NoResultError(f"{options.scans[0]}: too few points lie near the target: leave --max-distance out")
     if options.output is not None:
         moved = source.xyz_mm @ found.T_target_source[:3, :3].T + found.T_target_source[:3, 3]
         save(options.output, moved, unit=source.unit, color=source.color, intensity=source.intensity)
@@ -60,6 +61,7 @@ def _pair(options: argparse.Namespace, source: "PointFile", target: "PointFile")
         "iterations": found.iterations,
         **_described(found),
         "notes": describe(found.status),
+        **tried,
     }
 
 
@@ -83,7 +85,7 @@ def _stations(options: argparse.Namespace, scans: "list[PointFile]") -> dict[str
     order = scans[::-1]  # the first one's frame is the world
     found = register_stations(
         [scan.xyz_mm for scan in order], voxels=options.voxels, method=options.method, kernel=options.kernel,
-        start=options.start,
+        start=options.start or "given",
     )  # fmt: skip
     if options.output is not None:
         poses = found.T_world_station
@@ -111,7 +113,10 @@ def table(result: dict[str, Any]) -> str:
         ("converged", f"{'yes' if result['converged'] else 'no'}, after {result['iterations']} steps"),
         ("unseen", f"{unseen} of 6 directions of motion, left as they were" if unseen else "no direction of motion"),
     ]
-    notes = [f"  note: {note}" for note in result["notes"]]
+    if result["voxels_mm"]:
+        sides = " ".join(f"{side:.3g}" for side in result["voxels_mm"])
+        pairs.append(("began", f"{result['start']}, voxels of {sides} mm"))
+    notes = [f"  note: {note}" for note in result["notes"]] + [f"  doubt: {text}" for text in result["doubts"]]
     return "\n".join(["  T_target_source, mm", _matrix(result["T_target_source"]), rows(pairs), *notes])
 
 

@@ -1,6 +1,7 @@
 """Reading a scan for a command: progress on stderr, the unit, errors in one line."""
 
 import argparse
+import contextlib
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
 
 
 LEAST_MM = 30.0  # no scan of a cable is shorter than its own thickness
+FIRST_PIECE = 1_000_000  # points by whose extent the unit is guessed
 
 
 def say(options: argparse.Namespace, text: str) -> None:
@@ -30,17 +32,37 @@ def load(options: argparse.Namespace, path: str) -> "PointFile":
     """
     say(options, f"reading {path}")
     scan = _read(options, path, options.unit)
-    if options.unit is None and scan.stated_unit is None:
-        extent = float((scan.xyz_mm.max(axis=0) - scan.xyz_mm.min(axis=0)).max())
-        unit = "m" if 0 < extent < LEAST_MM else "mm"
-        if unit == "m":
-            scan = _read(options, path, "m")
-        why = f"its longest side is {extent:.3g}"
-        tell(f"cablejax: warning: no --unit given, the file is taken to be in {unit}: {why}")
+    if options.unit is None and _guessed_unit(scan) == "m":
+        scan = _read(options, path, "m")
     scan = _without_misses(options, scan)
     if scan.dropped:
         say(options, f"{scan.dropped:,} invalid returns left out, {len(scan.xyz_mm):,} points kept")
     return scan
+
+
+def unit_of(options: argparse.Namespace, path: str) -> str:
+    """The unit that `load` takes, for a file that is read in pieces: where it is guessed, by the first of them.
+
+    Raises:
+        PointFileError: If the file gives no cloud.
+    """
+    from cablejax.io import iter_points
+
+    if options.unit is not None:
+        return options.unit
+    with contextlib.closing(iter_points(path, unit=None, columns=options.columns, chunk=FIRST_PIECE)) as pieces:
+        scan = next(pieces)
+    return scan.unit if scan.stated_unit is not None else _guessed_unit(scan)
+
+
+def _guessed_unit(scan: "PointFile") -> str:
+    """The unit of a file read as mm, by its size, said in a warning; its own where it states one."""
+    if scan.stated_unit is not None:
+        return scan.stated_unit
+    extent = float((scan.xyz_mm.max(axis=0) - scan.xyz_mm.min(axis=0)).max())
+    unit = "m" if 0 < extent < LEAST_MM else "mm"
+    tell(f"cablejax: warning: no --unit given, the file is taken to be in {unit}: its longest side is {extent:.3g}")
+    return unit
 
 
 def _read(options: argparse.Namespace, path: str, unit: str | None) -> "PointFile":

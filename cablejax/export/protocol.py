@@ -51,7 +51,7 @@ def protocol_page(
     page.section("Along the cable")
     with figure_style():
         page.figure(
-            profile_figure(measured),  # pyright: ignore[reportArgumentType] frozen, the protocol's could be set
+            profile_figure(measured),  # pyright: ignore[reportArgumentType] frozen, as in `measurement_page`
             alt="Diameter of each section along the cable.",
             caption="Circles fitted to sections, with 95 % intervals.",
         )

@@ -6,7 +6,6 @@ from typing import NamedTuple
 import numpy as np
 
 from cablejax.measure.accept import PER_SECTION
-from cablejax.measure.errors import MeasureError
 from cablejax.measure.find.cables import Find
 from cablejax.measure.fit.axis import Axis, trimmed
 from cablejax.measure.fit.beams import BeamBias
@@ -29,10 +28,10 @@ from cablejax.measure.scan import Scan
 from cablejax.measure.settings import MeasureSettings
 from cablejax.measure.shape.bend import Bend, tightest_bend
 from cablejax.measure.shape.free_section import free_section
-from cablejax.measure.shape.profile import profile_along
+from cablejax.measure.shape.profile import Profile, profile_along
 from cablejax.measure.shape.sections import Oval, Sections, oval
-from cablejax.measure.shape.stretches import ONE, Stretch, diameter_at, form_of, mean_of, stretches_of
-from cablejax.measure.uncertainty.alignment import Profile, shared_errors
+from cablejax.measure.shape.stretches import ONE, Stretch, diameter_at, form_of, mean_of, stretches_of, within
+from cablejax.measure.uncertainty import alignment
 from cablejax.measure.uncertainty.budget import combined, uncertainty_budget
 from cablejax.measure.uncertainty.shared_errors import shared_mm
 
@@ -41,6 +40,11 @@ SHARED_ARC_DEG = 65.0  # with errors that neighbours share, an arc below tells n
 LEAST_OPEN = 0.02  # of the radius, that they must leave open to matter: scans without noise share micrometres
 SHARED_MOST = 0.5  # of the scatter: shared errors above are the scanner's own, and not its noise
 ROUGHEST_SHARED = 0.1  # of the radius: neighbouring points that leave the circle together by more lie on something else
+COVERED, LONG, STEADY = (
+    0.5,
+    4.0,
+    0.2,
+)  # of the length with sections, diameters long, and of the diameter that sections differ
 SECTION = 0.25  # radii between the circles that tell the form
 BETTER = 0.8  # of the scatter about one diameter: several must leave less, or their circles are made of noise
 KEEP_SIGMA = 3.5  # standard deviations from the surface within which a point counts as the cable's
@@ -52,24 +56,33 @@ class _Form(NamedTuple):
     Attributes:
         stretches: Of constant or tapering diameter.
         residual_mm: The points' distances from a surface of these diameters `[n]`.
+        mean_mm: Mean diameter over the length; None where it is one.
         spread_mm: Standard deviation of the diameter along the length, 0 where it is one.
         against_mm: Excess of the sections' mean diameter over the fitted one.
+        words: See `CableMeasurement.form`.
+        uneven: What to say and the spread of the diameter where neighbouring points leave the surface together; None where
+            the sections are too few or too different for one thing.
     """
 
     stretches: tuple[Stretch, ...]
     residual_mm: np.ndarray
+    mean_mm: float | None
     spread_mm: float
     against_mm: float
+    words: str
+    uneven: tuple[str, float] | None
 
 
 class _Diameter(NamedTuple):
-    """The diameter, what the beams have done to it and was taken off, its uncertainty by source, and the section's oval."""
+    """The diameter, what the beams have done to it and was taken off, its uncertainty by source, the section's oval, and the
+    form along the length in words."""
 
     value_mm: float
     beam: BeamBias
     budget: tuple[BudgetLine, ...]
     std_mm: float
     shape: Oval | None
+    form: str
 
 
 def assembled(
@@ -113,6 +126,7 @@ def assembled(
         points=int(used.sum()),
         axis_mm=axis.xyz + scan.origin,
         sections=sections._replace(s_mm=sections.s_mm - low),
+        form=diameter.form,
         stretches=_with_common(form.stretches, diameter, low),
         keep=painted.keep,
         deviation_mm=painted.deviation_mm,
@@ -125,7 +139,7 @@ def assembled(
         warnings=(
             *warnings_about(value, axis.length_mm, arc, find, oval_arc_deg=settings.oval_arc_deg),
             *about_instrument(diameter.beam.excess, given=settings.instrument is not None),
-            *about_form(form_of(form.stretches)),
+            *about_form(diameter.form),
             *about_shifts(fitted.sweep, oval_known=shape is not None),
         ),
     )
@@ -144,17 +158,45 @@ def _form(scan: Scan, fitted: Fitted, find: Find) -> _Form:
     )
     correlation = max(fit.clustered_mm / max(fit.random_mm, 1e-12), 1.0)
     stretches = stretches_of(profile, common_std_mm=0.0, correlation=correlation)
-    if not stretches:
-        return _Form((), fit.residual_mm, 0.0, 0.0)
+    inside = within(stretches, 0.0, length)
+    if not inside:
+        return _Form((), fit.residual_mm, None, 0.0, 0.0, ONE, None)
     used = fit.weight > 0
-    residual = profile.distance(fit.place) - 0.5 * diameter_at(stretches, fit.place.s)
-    if form_of(stretches) != ONE and robust_std(residual[used]) > BETTER * robust_std(fit.residual_mm[used]):
-        stretches = stretches_of(profile, common_std_mm=0.0, correlation=correlation, most=1)
-    mean, spread = mean_of(stretches)
-    own = max(one.std_mm for one in stretches)
+    residual = profile.distance(fit.place) - 0.5 * diameter_at(inside, fit.place.s)
+    if form_of(inside) != ONE and robust_std(residual[used]) > BETTER * robust_std(fit.residual_mm[used]):
+        profile = profile.subset((profile.s_mm >= 0) & (profile.s_mm <= length))
+        stretches = inside = stretches_of(profile, common_std_mm=0.0, correlation=correlation, most=1)
+    if not inside:
+        return _Form((), fit.residual_mm, None, 0.0, 0.0, ONE, None)
+    mean, spread = mean_of(inside)
+    one = form_of(inside) == ONE
+    own = max(part.std_mm for part in inside)
     apart = (mean - 2 * fit.radius_mm) ** 2 - own**2 - (2 * fit.clustered_mm) ** 2
-    against = float(np.sqrt(max(apart, 0.0)))
-    return _Form(stretches, fit.residual_mm if form_of(stretches) == ONE else residual, spread, against)
+    return _Form(
+        stretches=stretches,
+        residual_mm=fit.residual_mm if one else residual,
+        mean_mm=None if one else mean,
+        spread_mm=spread,
+        against_mm=float(np.sqrt(max(apart, 0.0))) if one and _steady(profile, length) else 0.0,
+        words=form_of(stretches),
+        uneven=_uneven(profile, length),
+    )
+
+
+def _uneven(profile: Profile, length: float) -> tuple[str, float] | None:
+    """The sections of a thing that is long and everywhere about as wide, though its surface is not that of a cylinder."""
+    d = profile.diameter_mm
+    if length < LONG * np.median(d) or not _steady(profile, length):
+        return None
+    low, high = np.quantile(d, [0.1, 0.9])
+    return f"not one diameter: sections of {low:.4g} to {high:.4g} mm", robust_std(d - np.median(d))
+
+
+def _steady(profile: Profile, length: float) -> bool:
+    """Whether circles were found along most of the axis and are about as wide: else they are of other things, or of noise."""
+    d = profile.diameter_mm
+    covered = len(d) * profile.step_mm >= COVERED * length
+    return bool(covered and robust_std(d - np.median(d)) <= STEADY * np.median(d))
 
 
 def _with_common(stretches: tuple[Stretch, ...], diameter: _Diameter, low: float) -> tuple[Stretch, ...]:
@@ -187,11 +229,17 @@ def _diameter(fitted: Fitted, form: _Form, arc: float, settings: MeasureSettings
     profile, beam = None, beams(fitted, settings)
     if sweep is None and settings.stations != 1:
         angle = np.arctan2(fit.place.v, fit.place.u)
-        profile = shared_errors(angle, fit.residual_mm, fit.weight, given_std_mm=settings.registration_std_mm)
-    value = _headline(fit, shape, profile, beam.bias_mm)
+        profile = alignment.shared_errors(angle, fit.residual_mm, fit.weight, given_std_mm=settings.registration_std_mm)
+    value = _headline(fit, shape, profile, beam.bias_mm) if form.mean_mm is None else form.mean_mm - beam.bias_mm
     shared, open_mm = shared_mm(fit, sweep, residual_mm=form.residual_mm)
-    if (error := _not_told(fit, arc, shared, open_mm, settings)) is not None:
-        raise error
+    if shared > ROUGHEST_SHARED * fit.radius_mm:
+        if form.uneven is None:
+            raise not_one_surface(shared, fit.radius_mm)
+        words, spread = form.uneven
+        form = form._replace(words=words, spread_mm=max(spread, form.spread_mm))
+    much = shared > SHARED_MOST * fit.noise_mm and open_mm > LEAST_OPEN * fit.radius_mm
+    if arc < SHARED_ARC_DEG and much and settings.instrument is None:
+        raise arc_too_small_for_errors(arc, SHARED_ARC_DEG, shared)
     budget = uncertainty_budget(
         fit,
         profile,
@@ -199,7 +247,7 @@ def _diameter(fitted: Fitted, form: _Form, arc: float, settings: MeasureSettings
         higher_mm=higher_order(fitted, beam, settings),
         shared_mm=shared,
         unseen_mm=open_mm,
-        form=form_of(form.stretches),
+        form=form.words,
         form_mm=form.spread_mm,
         against_mm=form.against_mm,
         scale_std=settings.scale_std,
@@ -210,22 +258,10 @@ def _diameter(fitted: Fitted, form: _Form, arc: float, settings: MeasureSettings
     # A thing of several diameters has no narrow interval for one, and is known all the same.
     if np.sqrt(std**2 - form.spread_mm**2) > WORST_STD * value:
         raise unknown_diameter(value, std, arc)
-    return _Diameter(value, beam, budget, std, shape)
+    return _Diameter(value, beam, budget, std, shape, form.words)
 
 
-def _not_told(
-    fit: CableFit, arc: float, shared: float, open_mm: float, settings: MeasureSettings
-) -> MeasureError | None:
-    """Why errors that neighbours share leave no diameter; None if they do not."""
-    if shared > ROUGHEST_SHARED * fit.radius_mm:
-        return not_one_surface(shared, fit.radius_mm)
-    much = shared > SHARED_MOST * fit.noise_mm and open_mm > LEAST_OPEN * fit.radius_mm
-    if arc < SHARED_ARC_DEG and much and settings.instrument is None:
-        return arc_too_small_for_errors(arc, SHARED_ARC_DEG, shared)
-    return None
-
-
-def _headline(fit: CableFit, shape: Oval | None, profile: Profile | None, bias_mm: float) -> float:
+def _headline(fit: CableFit, shape: Oval | None, profile: alignment.Profile | None, bias_mm: float) -> float:
     """The diameter reported: of the circle, or of an oval much larger than the errors that directions share.
 
     What the beams have done to it is taken off, and from a circle what the directions' errors have most likely done to it.

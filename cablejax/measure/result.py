@@ -10,7 +10,7 @@ from cablejax.measure.conformity import bend_conformity
 from cablejax.measure.shape.free_section import FreeSection
 from cablejax.measure.shape.irregularities import Irregularity, irregularities
 from cablejax.measure.shape.sections import Sections
-from cablejax.measure.shape.stretches import Stretch, changes, form_of
+from cablejax.measure.shape.stretches import ONE, Stretch, changes
 
 
 @dataclass(frozen=True)
@@ -46,6 +46,7 @@ class CableMeasurement:
         axis_mm: Points of the axis `[m, 3]`, in the coordinates of the scan.
         sections: Circles along the length.
         stretches: The length as stretches of constant or tapering diameter.
+        form: In words: "one diameter", "tapers from 110 to 75 mm", or "not one diameter" with its range.
         keep: True for the scan's points that are the cable's `[n]`.
         deviation_mm: Distance of every point of the scan from the fitted surface `[n]`, positive outside; NaN far off.
         along_mm, angle_deg: Place of every point along the axis and about it `[n]`; NaN far off.
@@ -79,6 +80,7 @@ class CableMeasurement:
     nominal: dict[str, float] = field(default_factory=dict)
     verdict: str | None = None
     stretches: tuple[Stretch, ...] = ()
+    form: str = ONE
     free_section: FreeSection | None = None
     warnings: tuple[str, ...] = ()
 
@@ -86,11 +88,6 @@ class CableMeasurement:
     def bend_verdicts(self) -> dict[str, str]:
         """The bend radius against 12, 15 and 20 diameters: "pass", "fail" or "undecided"."""
         return bend_conformity(self.bend_interval_mm, self.diameter_mm)
-
-    @property
-    def form(self) -> str:
-        """The stretches in words: "one diameter", "tapers from 110 to 75 mm", or "not one diameter" with its range."""
-        return form_of(self.stretches)
 
     @property
     def irregularities(self) -> list[Irregularity]:

@@ -15,6 +15,9 @@ from cablejax.ops.weighted_cylinder import WeightedCylinder, principal_axes, wei
 
 NU = 5.0  # degrees of freedom of the fit's error: Student's t, for some fits are far off
 LEAST_STD_MM = 0.05
+SHARPNESS = (
+    2  # power of the scores in the weights: many points of a wall, each taken for the cable's with 5 %, bend a fit
+)
 SUMMARY = 7
 
 
@@ -38,7 +41,7 @@ class ADGCNNFit(nnx.Module):
     """Tell a cable's size by a cylinder fitted to the points that the network takes for the cable's.
 
     Each point gets a score s between 0 and 1 from edge convolutions with channel attention (`PartNetwork` with the two
-    parts "something else" and "cable"). `weighted_cylinder` fits a gently bent cylinder with the weights s and gives a
+    parts "something else" and "cable"). `weighted_cylinder` fits a gently bent cylinder with the weights s^2 and gives a
     diameter d with a standard deviation by its residuals. A head that sees the cloud's pooled feature and how the points
     lie on the cylinder gives a shift, an inflation of the standard deviation, and logits h_c of its own. With the nominal
     diameters D_c the logits are `h_c + log t((d + shift - D_c) / std)`, t being Student's density of 5 degrees of
@@ -95,7 +98,7 @@ class ADGCNNFit(nnx.Module):
     def estimate(self, xyz: Float[Array, "b n 3"], mask: Bool[Array, "b n"]) -> FitEstimate:
         """Logits with the diameter, its standard deviation and the points' scores."""
         scores, pooled = self._scored(xyz, mask)
-        weight = jnp.where(mask, jax.nn.sigmoid(scores), 0.0)
+        weight = jnp.where(mask, jax.nn.sigmoid(scores) ** SHARPNESS, 0.0)
         fit = jax.vmap(lambda points, w: weighted_cylinder(points, w, iterations=self.iterations))(xyz, weight)
         found = fit.status == 0
         diameter = jnp.where(found, 2.0 * fit.radius, 2.0 * RADIUS_MM)

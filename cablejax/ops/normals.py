@@ -67,6 +67,8 @@ def estimate_normals(
         [0.0, 0.0, 1.0]
     """
     require_float32(xyz=xyz)
+    if viewpoint is not None and viewpoint.shape != (3,):
+        raise ValueError(f"viewpoint: expected shape [3], got {list(viewpoint.shape)}")
     if found is None:
         if k < 2:
             raise ValueError(f"k: expected at least 2, to span a plane with the point itself, got {k}")

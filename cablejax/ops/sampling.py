@@ -25,7 +25,7 @@ class Sample(NamedTuple):
     Attributes:
         rows: Their rows in the order of choice `[count]` int32; -1 where no point was left.
         sq_dist: Squared distance of each from the nearest chosen before it `[count]`: it only falls, and no point of the
-            cloud lies farther from the sample than the last; inf for the first and where no point was left.
+            cloud lies farther from the sample than the last; inf for the first and where no point was left. No gradient.
         status: `Status` bits `[]` int32: TOO_FEW_NEIGHBORS where there are fewer points than wanted, EMPTY, NOT_FINITE,
             and INVALID for a start that is no point.
     """
@@ -67,6 +67,8 @@ def farthest_point_sampling(
     """
     if count < 1:
         raise ValueError(f"count: expected at least 1, got {count}")
+    if start is not None and jnp.ndim(start) > 0:
+        raise ValueError(f"start: expected one row, got shape {list(jnp.shape(start))}")
     points = prepare(xyz, mask)
     usable, axes = points.usable(), points.xyz.T
     number = jnp.arange(xyz.shape[0], dtype=jnp.int32)

@@ -68,6 +68,8 @@ def voxel_downsample(
     capacity = n if capacity is None else capacity
     if capacity < 1:
         raise ValueError(f"capacity: expected at least 1, got {capacity}")
+    if jnp.ndim(size) > 0:
+        raise ValueError(f"size: expected one number, got shape {list(jnp.shape(size))}")
     if origin is not None and origin.shape != (c,):
         raise ValueError(f"origin: expected shape [{c}], got {list(origin.shape)}")
     points = prepare(xyz, mask)

@@ -11,6 +11,7 @@ from cablejax.types import Status
 
 UNKNOWNS = 7  # a parabola in each of two directions across the axis, and the radius
 ITERATIONS = 12
+SURE = 4  # power of the weights at the start, where a far point of little weight would have much leverage
 REACH = 4.5  # s below, in root mean squares: costs 2 % in the standard deviation where errors are normal
 # Of normal errors of standard deviation 1: the root mean square of r so weighted, and the factor by which the usual formula
 # falls short of the estimate's standard deviation (the integrals of Huber 1981, 6.3, for this weight).
@@ -54,10 +55,11 @@ def weighted_cylinder(
     """Fit a gently bent cylinder to weighted points.
 
     The axis follows a parabola over the weighted principal direction; distances are measured across its tangent. The
-    start is an algebraic circle about the parabola through the points. Gauss-Newton steps then minimise the weighted
-    squares of the distances r to the surface, each weight multiplied by `1 / (1 + (r / s)^2)^2`, s 4.5 times the
-    root mean square of r so weighted. Gradients are those of the minimum: the steps up to it carry none, one more from
-    there carries the whole (the implicit function theorem with Gauss-Newton's second derivatives).
+    start is an algebraic circle about the parabola through the points, of which those of the largest weights count.
+    Gauss-Newton steps then minimise the weighted squares of the distances r to the surface, each weight multiplied by
+    `1 / (1 + (r / s)^2)^2`, s 4.5 times the root mean square of r so weighted. Gradients are those of the minimum: the
+    steps up to it carry none, one more from there carries the whole (the implicit function theorem with Gauss-Newton's
+    second derivatives).
 
     Args:
         xyz: Points `[n, 3]` of a piece of cable that is longer than it is wide, any unit. Gradients stop here.
@@ -70,15 +72,16 @@ def weighted_cylinder(
     """
     still = jax.lax.stop_gradient(weight)
     xyz = jax.lax.stop_gradient(jnp.where(still[:, None] > 0, xyz, 0.0))
-    centroid, rotation = principal_axes(xyz, still)
+    sure = (still / jnp.maximum(jnp.max(still), TINY)) ** SURE
+    centroid, rotation = principal_axes(xyz, sure)
     turned = (xyz - centroid[None, :]) @ rotation.T
     total = jnp.sum(still)
     scale = jnp.sqrt(jnp.sum(still[:, None] * turned**2) / jnp.maximum(total, TINY)) + TINY
     along, across = turned[:, 0] / scale, turned[:, 1:] / scale
-    start = _start(along, across, still)
+    start = _start(along, across, sure)
     start = start if radius is None else start.at[6].set(radius / scale)
     free = jnp.ones(UNKNOWNS, xyz.dtype) if radius is None else jnp.ones(UNKNOWNS, xyz.dtype).at[6].set(0.0)
-    spread = REACH * _rms(still, _distances(start, along, across)[0])
+    spread = REACH * _rms(sure, _distances(start, along, across)[0])
 
     def step(state: tuple[Array, Array], _) -> tuple[tuple[Array, Array], None]:
         theta, spread = state

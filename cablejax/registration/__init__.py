@@ -1,5 +1,6 @@
 """Registration: the rigid motion between scans, and which parts of it the scans leave open."""
 
+from cablejax.registration.automatic import Alignment, register_auto
 from cablejax.registration.coarse import CoarseStart, coarse_start
 from cablejax.registration.icp import icp
 from cablejax.registration.normals import surface_normals
@@ -9,12 +10,14 @@ from cablejax.registration.stations import Stations, register_stations
 from cablejax.registration.voxels import voxel_means
 
 __all__ = [
+    "Alignment",
     "CoarseStart",
     "RegistrationResult",
     "Stations",
     "coarse_start",
     "icp",
     "register",
+    "register_auto",
     "register_stations",
     "surface_normals",
     "voxel_means",

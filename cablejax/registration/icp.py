@@ -44,6 +44,17 @@ def check_options(method: str, kernel: str, max_iterations: int) -> None:
         raise ValueError(f"max_iterations: expected at least 1, got {max_iterations}")
 
 
+def check_points(moving: np.ndarray, fixed: np.ndarray) -> None:
+    """Refuse clouds of too few points to tell a motion.
+
+    Raises:
+        ValueError: Naming the cloud.
+    """
+    for xyz, name in ((moving, "source"), (fixed, "target")):
+        if len(xyz) < 6:
+            raise ValueError(f"{name}: expected at least 6 points, got {len(xyz)}")
+
+
 def _shifted(T: np.ndarray, center: np.ndarray, sign: int) -> np.ndarray:
     """A motion written about another origin: `sign` 1 from the world's to `center`, -1 back."""
     out = T.copy()
@@ -114,7 +125,7 @@ def icp(
         The motion and what is known about it. With fewer than six pairs the status holds `EMPTY`.
 
     Raises:
-        ValueError: If a cloud is not `[n, 3]`, or an option is none of those listed.
+        ValueError: If a cloud is not `[n, 3]` or holds fewer than six points, or an option is none of those listed.
 
     Example:
         >>> rng = np.random.default_rng(0)
@@ -126,8 +137,7 @@ def icp(
     moving, fixed = host_points(source, "source"), host_points(target, "target")
     check_options(method, kernel, max_iterations)
     start = np.eye(4) if T_init is None else np.asarray(T_init, dtype=np.float64)
-    if min(len(moving), len(fixed)) < 6:
-        return nothing(start, 0, 0)
+    check_points(moving, fixed)
     tree = plain_tree(fixed)
     spacing = spacing_of(tree, fixed)
     normals = surface_normals(moving, k=k_normals) if method == "gicp" else np.zeros_like(moving)

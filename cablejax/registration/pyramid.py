@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Num
 
 from cablejax.registration.coarse import coarse_start
-from cablejax.registration.icp import LEAST_SHARE, Options, between, check_options, host_points, nothing
+from cablejax.registration.icp import LEAST_SHARE, Options, between, check_options, check_points, host_points, nothing
 from cablejax.registration.normals import plain_tree
 from cablejax.registration.partners import Oriented
 from cablejax.registration.result import RegistrationResult
@@ -46,8 +46,8 @@ def register(
         The result of the finest level.
 
     Raises:
-        ValueError: If `voxels` is empty or holds a number that is not positive, or an option is none of those listed, or
-            no coarse start is found.
+        ValueError: If a cloud holds fewer than six points, `voxels` is empty or holds a number that is not positive, an option
+            is none of those listed, or no coarse start is found.
     """
     if len(voxels) == 0:
         raise ValueError("voxels: expected at least one size, got none")
@@ -56,8 +56,7 @@ def register(
         raise ValueError(f"start: expected one of given, features, got {start!r}")
     T = np.eye(4) if T_init is None else np.asarray(T_init, dtype=np.float64)
     moving, fixed = host_points(source, "source"), host_points(target, "target")
-    if min(len(moving), len(fixed)) < 6:
-        return nothing(T, 0, 0)
+    check_points(moving, fixed)
     if start == "features":
         T = coarse_start(moving, fixed, voxel=max(voxels)).T_target_source
     if method == "gicp":

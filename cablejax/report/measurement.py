@@ -35,6 +35,8 @@ class Measured(Protocol):
     noise_mm: Any
     points: Any
     sections: Any
+    stretches: Any
+    form: str
     keep: Any
     deviation_mm: Any
     along_mm: Any
@@ -79,6 +81,12 @@ def measurement_page(
             rows,
             caption="As a network labelled the scan; the cable's points were measured.",
         )
+    if measured.form != "one diameter":
+        page.table(
+            ["Stretch", "where along (mm)", "diameter (mm)", "95 % interval"],
+            [row for one in measured.stretches for row in _stretch(one)],
+            caption=f"Along its length: {measured.form}.",
+        )
     if measured.irregularities:
         rows = [
             [one.kind, f"{one.from_mm:.0f} to {one.to_mm:.0f}", f"{one.change_mm:+.2f}"]
@@ -118,6 +126,14 @@ def measurement_page(
     page.section("Uncertainty")
     budget_table(page, measured)
     return page.render()
+
+
+def _stretch(one: Any) -> list[list[str]]:
+    """A row, or one for either end of a tapering stretch."""
+    where = f"{one.from_mm:.0f} to {one.to_mm:.0f}"
+    ends = zip((one.first_mm, one.last_mm), one.intervals_mm, strict=True)
+    rows = [[one.kind, where, f"{value:.2f}", f"{low:.2f} to {high:.2f}"] for value, (low, high) in ends]
+    return rows if one.kind == "tapering" else rows[:1]
 
 
 def budget_table(page: Page, measured: Measured) -> None:

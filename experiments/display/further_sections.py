@@ -84,6 +84,16 @@ FURTHER = (
         ),
     ),
     Section(
+        "Real scans of known size",
+        "Round things of known size under real scanners: which intervals hold, and what six of the scans look like.",
+        ("benchmarks/real",),
+        (of("benchmarks/real", measure_tables.real_grades),),
+        (
+            of("benchmarks/real", measure_figures.real_intervals),
+            of("benchmarks/real", measure_figures.real_pictures),
+        ),
+    ),
+    Section(
         "A known scanner",
         "What the numbers of the scanner, where they are given, do for the diameter.",
         (parts_tables.PLAIN, parts_tables.KNOWN),

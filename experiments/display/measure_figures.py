@@ -3,6 +3,7 @@
 import numpy as np
 
 from cablejax.report import COLORS
+from experiments import ROOT
 from experiments.display.drawing import Drawing, new_figure
 from experiments.display.measure_tables import groups, name_of
 from experiments.results import Results
@@ -59,4 +60,50 @@ def calibration(results: Results) -> Drawing:
         "Absolute error of each simulated scan against the standard deviation that the measurement claimed.",
         "One mark a scan. Scans above the dashed line are those whose 95 % interval misses the truth: one in twenty should be. "
         f"Errors below {1000 * FINEST_MM:g} µm are drawn at that height.",
+    )
+
+
+def real_intervals(results: Results) -> Drawing | None:
+    """Each real scan's interval over its truth."""
+    rows = [row for row in results.raw["scans"] if row["verdict"] in ("holds", "misses")]
+    if not rows:
+        return None
+    figure = new_figure(6.6, 0.8 + 0.16 * len(rows))
+    ax = figure.subplots()
+    for at, row in enumerate(reversed(rows)):
+        true = min((float(one) for one in row["truth"].split(" or ")), key=lambda one: abs(one - row["diameter_mm"]))
+        low, high = (end / true for end in row["interval_mm"])
+        color = COLORS[0] if row["verdict"] == "holds" else COLORS[6]
+        ax.plot([low, high], [at, at], color=color, lw=1.5, ls="-")
+        ax.plot(row["diameter_mm"] / true, at, "o", ms=3, color=color)
+    ax.axvline(1.0, color=COLORS[2], lw=1, ls="--")
+    ax.set_yticks(range(len(rows)), [f"{row['scan']} ({row['grade']})" for row in reversed(rows)], fontsize=6)
+    ax.set_xlabel("diameter and 95 % interval over the truth")
+    ax.grid(visible=False, axis="y")
+    return Drawing(
+        "real_intervals",
+        figure,
+        "Diameter and 95 % interval of each real scan over its truth.",
+        "One line a scan, with the grade of its truth; the dashed line is the truth. What misses it is in another colour.",
+    )
+
+
+def real_pictures(results: Results) -> Drawing | None:
+    """Three real scans whose interval holds and three that miss or are refused, as `benchmarks.real_pictures` drew them."""
+    from matplotlib.image import imread
+
+    path = ROOT / "results" / "figures" / "real_scans.png"
+    if not path.is_file():
+        return None
+    picture = imread(path)
+    figure = new_figure(6.6, 6.6 * picture.shape[0] / picture.shape[1])
+    ax = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    ax.imshow(picture)
+    ax.axis("off")
+    return Drawing(
+        "real_examples",
+        figure,
+        "Six real scans seen along their axes, with the fitted circle and the true one.",
+        "Above, three whose interval holds; below, two that miss and one that is refused. Points in blue, "
+        "the fitted circle in red, the true one dashed.",
     )

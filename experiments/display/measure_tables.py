@@ -114,3 +114,27 @@ def _real_scan(row: dict) -> list[str]:
         known + row["known_from"],
         row["refused"] if measured is None else "; ".join(row["warnings"]),
     ]
+
+
+def real_grades(results: Results) -> Table:
+    """Real scans of known size by the grade of their truth: which intervals hold."""
+    told = {
+        "A": "A, published and confirmed on a mesh",
+        "B": "B, CAD or the part's name",
+        "C": "C, an independent fit or common sense",
+        "R": "R, repeatability alone",
+        "A, B, C": "A, B and C together",
+    }
+    rows = []
+    for row in results.raw["table"]:
+        if row["grade"] in told:
+            share = "" if row["share_held"] is None else f"{100 * row['share_held']:.0f}"
+            counts = [str(row[name]) for name in ("scans", "holds", "misses", "refused", "false cable", "failed")]
+            rows.append([told[row["grade"]], *counts, share])
+    return Table(
+        "Real scans of known size",
+        ["Truth", "scans", "interval holds", "misses", "refused", "false cables", "failed", "held (%)"],
+        rows,
+        "Cans, motors, pins, stems, tubes and boxes under structured light, depth cameras and hand-held lasers. A false cable is "
+        "a diameter where there are boxes alone.",
+    )

@@ -14,9 +14,10 @@ from tests.batch.folders import ROOT
 
 
 class Cluster(NamedTuple):
-    """Where the scheduler is, and the workers' processes."""
+    """Where the scheduler is, its process, and the workers'."""
 
     address: str
+    scheduler: subprocess.Popen[bytes]
     workers: list[subprocess.Popen[bytes]]
 
 
@@ -46,7 +47,7 @@ def cluster(folder: Path, *, workers: int) -> Iterator[Cluster]:
         while not file.exists():
             assert scheduler.poll() is None, "the scheduler did not start"
             time.sleep(0.05)
-        yield Cluster(json.loads(file.read_text())["address"], started)
+        yield Cluster(json.loads(file.read_text())["address"], scheduler, started)
     finally:
         for process in [*started, scheduler]:
             process.kill()

@@ -48,3 +48,7 @@ def where() -> str:
 
 def threads() -> str:
     return os.environ["NPROC"]
+
+
+def number() -> int:
+    return os.getpid()

@@ -43,6 +43,26 @@ def test_a_worker_killed_in_the_middle_costs_a_retry_and_nothing_else(tmp_path):
     assert not folders.alive(child)
 
 
+def test_a_scheduler_that_goes_is_one_sentence_and_the_rows_stay(tmp_path):
+    folders.fill(tmp_path / "scans", scans=12, broken=0)
+    table = tmp_path / "t.csv"
+    measure = ["measure", str(tmp_path / "scans"), "--unit", "mm", "--csv", str(table), "--quiet"]
+    with cluster(tmp_path, workers=1) as dask:
+        command = folders.command(*measure, "--scheduler", dask.address)
+        process = subprocess.Popen(
+            command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, cwd=folders.ROOT, text=True
+        )
+        while folders.lines_of(table) < 3:
+            assert process.poll() is None
+            time.sleep(0.01)
+        dask.scheduler.kill()
+        said = process.communicate(timeout=120)[1]
+    assert process.returncode == 1
+    assert f"cablejax: --scheduler {dask.address}: the scheduler has gone" in said
+    assert "Traceback" not in said
+    assert 2 <= folders.lines_of(table) - 1 < 12
+
+
 def test_tiles_on_a_cluster_that_loses_a_worker(tmp_path):
     scan = tmp_path / "scan.ply"
     write_points(scan, bent_cable(n=8000))

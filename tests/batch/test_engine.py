@@ -12,6 +12,7 @@ import pytest
 
 from cablejax.batch import Here, Processes, Task, engine_for
 from cablejax.batch.child import Child, ClosedError
+from tests.batch import folders
 from tests.batch.folders import alive
 
 POSIX = pytest.mark.skipif(os.name != "posix", reason="signals and /proc")
@@ -47,6 +48,19 @@ def test_a_task_that_dies_costs_no_other(tmp_path):
 
 
 @POSIX
+def test_a_task_that_takes_too_long_is_given_up_and_costs_no_other(tmp_path):
+    slow = task("sleep", seconds=600.0, started=str(tmp_path / "started"))._replace(time_limit_s=20.0)
+    found = {outcome.name: outcome for outcome in Processes(1).run([slow, task("add", x=1, y=1)])}
+    assert (found["sleep"].kind, found["sleep"].reason, found["sleep"].attempts) == (
+        "crashed",
+        "took longer than 20 s",
+        1,
+    )
+    assert found["add"].value == 2
+    gone_within(int((tmp_path / "started").read_text()), seconds=10)
+
+
+@POSIX
 def test_leaving_early_ends_the_tasks_in_flight(tmp_path):
     started = tmp_path / "started"
     outcomes = Processes(2).run([task("sleep", seconds=600.0, started=str(started)), task("add", x=1, y=1)])
@@ -78,6 +92,21 @@ def gone_within(pid: int, seconds: float) -> None:
     while alive(pid):
         assert time.monotonic() < end, "a process was left over"
         time.sleep(0.01)
+
+
+@POSIX
+def test_processes_stay_for_the_next_run_and_end_with_the_engine(tmp_path):
+    engine = Processes(2)
+    first = [outcome.value for outcome in engine.run([task("number", str(i)) for i in range(4)])]
+    second = [outcome.value for outcome in engine.run([task("number", str(i)) for i in range(4)])]
+    assert len(set(first) | set(second)) <= 2
+    folders.kill(second[-1])
+    assert {outcome.value for outcome in engine.run([task("add", str(i), x=i, y=1) for i in range(9)])} == set(
+        range(1, 10)
+    )
+    engine.close()
+    for pid in {*first, *second}:
+        gone_within(pid, seconds=10)
 
 
 def test_a_child_closed_by_another_thread_says_so(tmp_path):

@@ -3,7 +3,7 @@
 
     .venv/bin/python -m tests.batch.two_hundred
 
-Takes a quarter of an hour, so it is a script and no test. It exits 1 unless all tables are the same byte for byte.
+Takes ten minutes or more, so it is a script and no test. It exits 1 unless all tables are the same byte for byte.
 """
 
 import sys

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from cablejax.cli import main
 from cablejax.io import read_points, write_points
@@ -83,6 +84,26 @@ def test_denoise_removes_outliers_and_keeps_the_rest_near(capsys, tmp_path):
     assert 0 < result["moved_rms_mm"] < 0.5
 
 
+ODD = {
+    "rounded to a grid": np.round(bent_cable(n=1500)),
+    "each 25 times": np.repeat(bent_cable(n=60), 25, axis=0),
+    "a line": np.outer(np.linspace(0, 100, 1500), [1.0, 0.0, 0.0]),
+    "at one place": np.full((1500, 3), 7.0),
+}
+
+
+@pytest.mark.parametrize("name", ODD)
+def test_denoise_writes_clouds_whose_neighbours_determine_no_surface(capsys, tmp_path, name):
+    source, target = tmp_path / "in.xyz", tmp_path / "out.ply"
+    write_points(source, ODD[name])
+    code, out, _ = run(capsys, "denoise", str(source), str(target), "--unit", "mm", "--neighbors", "30", "--json")
+    assert code == 0
+    cleaned, result = read_points(target).xyz_mm, json.loads(out)
+    assert len(cleaned) == 1500 - result["removed"] > 1000
+    nearest = cKDTree(ODD[name]).query(cleaned)[0]
+    assert nearest.max() < 2.0  # nothing is thrown about
+
+
 def test_denoise_in_tiles_writes_the_same(capsys, tmp_path):
     source = tmp_path / "in.las"
     write_points(source, bent_cable(n=3000))
@@ -146,7 +167,6 @@ def test_register_brings_several_files_into_the_frame_of_the_last(capsys, tmp_pa
     [
         (["a.ply"], "scans: expected two files or more, got 1"),
         (["a.ply", "b.ply", "c.ply"], "--voxels: are needed for more than two scans"),
-        (["a.ply", "b.ply", "--start", "features"], "--voxels: are needed"),
     ],
 )
 def test_register_says_what_it_lacks(capsys, arguments, reason):
@@ -157,8 +177,22 @@ def test_register_says_what_it_lacks(capsys, arguments, reason):
 def test_register_of_scans_far_apart_says_what_helps(capsys, scan, tmp_path):
     far = tmp_path / "far.ply"
     write_points(far, bent_cable(n=2000) + 1e4)
-    code, _, err = run(capsys, "register", str(far), scan, "--unit", "mm", "--quiet")
-    assert (code, "too few points lie near the target: give --max-distance, or --start features" in err) == (1, True)
+    arguments = ("register", str(far), scan, "--unit", "mm", "--quiet")
+    code, _, err = run(capsys, *arguments, "--max-distance", "5")
+    assert (code, "too few points lie near the target: leave --max-distance out" in err) == (1, True)
+    code, out, _ = run(capsys, *arguments)  # nothing given: the centres are brought together first
+    assert code == 0
+    assert "centres, voxels of" in out
+
+
+@pytest.mark.parametrize("points", range(6))
+def test_register_refuses_a_handful_of_points(capsys, scan, tmp_path, points):
+    few = tmp_path / "few.xyz"
+    few.write_text("".join(f"{i} 0 {i * i}\n" for i in range(points)))
+    for options in ([], ["--voxels", "5"], ["--max-distance", "5"]):
+        code, _, err = run(capsys, "register", str(few), scan, "--unit", "mm", "--quiet", *options)
+        assert code == 1
+        assert f"source: expected at least 6 points, got {points}" in err or points == 0
 
 
 def test_report_writes_the_page(capsys, scan, tmp_path):
@@ -428,3 +462,22 @@ def test_a_scanner_that_is_none_is_named(capsys, scan, given, text):
     assert code == 1
     assert f"--scanner {given}" in err
     assert text in err
+
+
+@pytest.mark.parametrize("header", ["", "x[m] y[m] z[m]\n"])
+def test_tiles_take_the_unit_that_the_whole_file_would(tmp_path, capsys, header):
+    """A cable in metres, whose file says so or not: in mm its points would be all in one tile of a millimetre."""
+    source = tmp_path / "cable.xyz"
+    lines = "\n".join(" ".join(f"{value:.7f}" for value in point) for point in bent_cable(n=3000) / 1000)
+    source.write_text(header + lines + "\n")
+    told = []
+    for name, more in (("whole.ply", ()), ("tiles.ply", ("--tile", "2048", "--jobs", "0"))):
+        command = ["denoise", str(source), str(tmp_path / name), "--neighbors", "12", "--no-filter", "--json", *more]
+        code, out, err = run(capsys, *command)
+        assert code == 0
+        assert ("taken to be in m:" in err) == (not header)
+        told.append(json.loads(out))
+    assert told[0]["removed"] == told[1]["removed"] > 0
+    whole, tiles = (read_points(tmp_path / name, unit="m").xyz_mm for name in ("whole.ply", "tiles.ply"))
+    np.testing.assert_allclose(tiles, whole, atol=1e-3)
+    assert np.ptp(tiles, axis=0).max() > 30

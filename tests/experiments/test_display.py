@@ -97,6 +97,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
             patch.setattr(study, "finished", lambda part, **place: worked_off(part))
             study_results.fold(part, size="smoke", runs=out, out=out, allow_dirty=True)
     results_file(out, "robustness", {}, runs([({}, {"conditions": conditions})]))
+    told = {"accuracy": 0.7, "within_one": 0.9, "median_error_mm": 0.6}
+    arcs = [{"from_deg": 0, "to_deg": 80, "clouds": 9, "adgcnn_fit": 0.5, "likelihood": 0.6}]
+    tested = {"clouds": 9, "iou_cable": 0.9, "by_arc": arcs, "reliability": {"called_90": 0, "called_90_right": 0}}
+    tested |= dict.fromkeys(("all", "kept", "true", "adgcnn_fit", "likelihood"), told)
+    cells = [{"dataset": "hard", "n_points": n, "seed": seed} for n in (512, 1024) for seed in (0, 1)]
+    results_file(out, "rejection", {}, [cell | tested for cell in cells])
     return out
 
 

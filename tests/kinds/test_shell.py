@@ -241,7 +241,8 @@ def fake(monkeypatch, **of_name):
         result = of_name.get(Path(options.scan).stem.split(".")[0], 30.0)
         if isinstance(result, BaseException):
             raise result
-        return {"file": options.scan, "diameter_mm": result, "interval_mm": (result - 1, result + 1), "verdict": None}
+        interval, read = (result - 1, result + 1), {"mean_mm": result}
+        return {"file": options.scan, "diameter_mm": result, "interval_mm": interval, "readings": read, "verdict": None}
 
     monkeypatch.setattr(measure, "one", one)
 

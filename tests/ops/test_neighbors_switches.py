@@ -83,6 +83,21 @@ def test_a_batch_is_searched_cloud_by_cloud():
     np.testing.assert_array_equal(found[0], found[1][::-1])
 
 
+def test_a_batch_is_searched_by_a_loop():
+    """Batched, a search would compute both branches of every condition, and all clouds as many rounds as the slowest."""
+    one = jax.ShapeDtypeStruct((N, 3), jnp.float32)
+    many = jax.ShapeDtypeStruct((4, N, 3), jnp.float32)
+    for search in (lambda xyz: knn(xyz, k=K), lambda xyz: radius_search(xyz, radius=0.1, capacity=K)):
+        programs = (
+            (search, one),
+            (jax.vmap(search), many),
+            (jax.vmap(jax.vmap(search)), many.update(shape=(2, 2, N, 3))),
+        )
+        conditions = [jax.jit(f).lower(shape).as_text().count("stablehlo.case") for f, shape in programs]
+        assert conditions == conditions[:1] * 3
+        assert conditions[0] > 0
+
+
 def test_the_program_stays_small():
     """What everyone compiles before the first result: lines of StableHLO, the same on every machine with one jax."""
     points = jax.ShapeDtypeStruct((53_135, 3), jnp.float32)

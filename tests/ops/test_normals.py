@@ -157,6 +157,10 @@ def test_points_without_normal_hand_nothing_on():
     ("make", "message"),
     [
         (lambda x: estimate_normals(x, k=1), "k: expected at least 2, to span a plane with the point itself, got 1"),
+        (
+            lambda x: estimate_normals.__wrapped__.__wrapped__(x, k=2, viewpoint=jnp.zeros(2)),
+            r"viewpoint: expected shape \[3\], got \[2\]",
+        ),
         (lambda x: estimate_normals(x, found=knn(x[:3], k=1)), "found: expected 5 rows, got 3"),
         (lambda x: estimate_normals(x.astype(jnp.float16)), "xyz: expected float32, got float16"),
     ],

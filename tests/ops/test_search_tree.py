@@ -137,6 +137,14 @@ def test_a_tree_of_the_wrong_kind_is_refused_in_a_sentence(ask, tree, message):
         unchecked(ask.func)(tree, **ask.keywords)
 
 
+def test_a_radius_for_each_query_is_refused():
+    tree = build_tree(jnp.zeros((5, 3)))
+    with pytest.raises(ValueError, match=r"radius: expected one number, got shape \[5\]"):
+        unchecked(query_radius)(tree, radius=jnp.ones(5), capacity=5)
+    with pytest.raises(ValueError, match=r"radius: expected one number, got shape \[5\]"):
+        unchecked(query_count)(tree, radius=jnp.ones(5))
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -115,8 +115,13 @@ def test_under_vmap_and_x64_with_gradients():
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
-    [({"capacity": 0}, "capacity: expected at least 1, got 0"), ({"mask": jnp.ones(3, dtype=bool)}, r"mask: .* \[4\]")],
+    [
+        ({"capacity": 0}, "capacity: expected at least 1, got 0"),
+        ({"size": jnp.ones(3)}, r"size: expected one number, got shape \[3\]"),
+        ({"origin": jnp.ones(2)}, r"origin: expected shape \[3\], got \[2\]"),
+        ({"mask": jnp.ones(3, dtype=bool)}, r"mask: .* \[4\]"),
+    ],
 )
 def test_bad_arguments_are_named(arguments, message):
     with pytest.raises(ValueError, match=message):
-        voxel_downsample.__wrapped__.__wrapped__(jnp.zeros((4, 3)), size=1.0, **arguments)
+        voxel_downsample.__wrapped__.__wrapped__(jnp.zeros((4, 3)), **{"size": 1.0, **arguments})

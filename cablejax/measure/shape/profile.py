@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from cablejax.measure.fit.axis import Axis, Place, locate
+from cablejax.measure.fit.axis import Axis, Place, locate, trimmed
 from cablejax.measure.fit.least_squares import tukey
 from cablejax.measure.robust import robust_std
 from cablejax.measure.shape.sections import BIN_DEG, bins_of
@@ -17,6 +17,8 @@ RING = 0.04  # of the radius, or two standard deviations of the noise: half the 
 LEAST_ARC_DEG = 40.0
 LEAST_SHARE_OF_ARC = 0.6  # of the usual arc, that a section must show to be the thing's
 MIN_POINTS = 20
+BEYOND = 8.0  # radii beyond the ends that are looked at
+KNOWN = 0.01  # of the diameter: what is worse known beyond the ends is something else
 CENTER_STD = 0.2  # of the radius: how far a section's centre may lie from the axis
 TURNS = 8
 END, UNLIKE = 3, 0.05  # slabs at an end that may hold its face, and the share by which their diameters then differ
@@ -26,7 +28,7 @@ class Profile(NamedTuple):
     """Circles in slabs along the axis, each of whatever radius its points have.
 
     Attributes:
-        s_mm: Middle of each slab along the axis `[m]`, those without a circle left out.
+        s_mm: Mean place of each slab's points along the axis `[m]`, those without a circle left out.
         diameter_mm: Its diameter `[m]`.
         std_mm: Standard deviation from noise, arc and number of points `[m]`.
         center_mm: Where its centre lies off the axis, in the axis's frame `[m, 2]`: an axis that was fitted with one radius
@@ -53,7 +55,10 @@ class Profile(NamedTuple):
 def profile_along(
     xyz: Float[np.ndarray, "n 3"], axis: Axis, *, radius_mm: float, noise_mm: float, step_mm: float
 ) -> Profile:
-    """Fit a circle to every slab of the points about an axis.
+    """Fit a circle to every slab of the points about an axis, and about its straight continuation at both ends.
+
+    What a fit of one radius leaves out, the cable before and behind a joint or the joint itself, lies there: sections
+    beyond the ends are kept as far as they follow without a gap of a diameter and are known to a hundredth.
 
     In each slab the radius is sought whose ring, as wide as the noise, shows most of the circumference: what lies beside
     or behind is at another distance in every direction. About it a circle is fitted by reweighted least squares, its
@@ -66,6 +71,9 @@ def profile_along(
         noise_mm: Standard deviation of its points about it.
         step_mm: Length of a slab.
     """
+    beyond = BEYOND * radius_mm
+    length = axis.s[-1]
+    axis = trimmed(axis, -beyond, length + beyond)
     box = WIDEST * radius_mm
     near = (xyz > axis.xyz.min(axis=0) - box).all(axis=1) & (xyz < axis.xyz.max(axis=0) + box).all(axis=1)
     place = locate(axis, xyz[near])
@@ -81,10 +89,27 @@ def profile_along(
         rows = order[first[number] : first[number + 1]]
         circle = _circle(place.u[rows], place.v[rows], radius_mm, noise_mm)
         if circle is not None:
-            found.append(((number + 0.5) * axis.s[-1] / count, *circle))
+            found.append((float(place.s[rows].mean()), *circle))
     s, diameter, std, arc, u, v = np.array(found).reshape(-1, 6).T
-    whole = Profile(s, diameter, std, np.stack([u, v], axis=1), axis.s[-1] / count)
-    return _without_ends(whole.subset(arc >= LEAST_SHARE_OF_ARC * np.median(arc))) if len(s) else whole
+    whole = Profile(s - beyond, diameter, std, np.stack([u, v], axis=1), axis.s[-1] / count)
+    inside = (whole.s_mm >= 0) & (whole.s_mm <= length)
+    if not inside.any():
+        return whole.subset(inside)
+    known = inside | ((std < KNOWN * diameter) & (np.hypot(u, v) < CENTER_STD * radius_mm))
+    whole = whole.subset(known & (arc >= LEAST_SHARE_OF_ARC * np.median(arc[inside])))
+    return _without_ends(_connected(whole, length, gap=2 * radius_mm))
+
+
+def _connected(profile: Profile, length: float, *, gap: float) -> Profile:
+    """The slabs on the axis, and those beyond its ends up to the first gap."""
+    s = profile.s_mm
+    inside = np.flatnonzero((s >= 0) & (s <= length))
+    if len(inside) == 0:
+        return profile
+    wide = np.flatnonzero(np.diff(s) > gap)
+    first = int(max([row + 1 for row in wide if row < inside[0]], default=0))
+    last = int(min([row for row in wide if row >= inside[-1]], default=len(s) - 1))
+    return profile.subset(slice(first, last + 1))
 
 
 def _without_ends(profile: Profile) -> Profile:

@@ -66,9 +66,12 @@ def stretches_of(
     std = np.hypot(np.hypot(correlation * profile.std_mm, scatter), 0.5 * LEAST_SHARE * np.median(d))
     cuts, tapering = ([0, len(s)], [False]) if most == 1 else _cuts(s, d, std)
     out = []
+    # A stretch begins half-way between sections; the first and the last section are as long on either side.
+    edge = np.concatenate([[1.5 * s[0] - 0.5 * s[1]], 0.5 * (s[1:] + s[:-1]), [1.5 * s[-1] - 0.5 * s[-2]]])
+    edge[[0, -1]] = max(edge[0], s[0] - 0.5 * profile.step_mm), min(edge[-1], s[-1] + 0.5 * profile.step_mm)
     for low, high, taper in zip(cuts[:-1], cuts[1:], tapering, strict=True):
         part = slice(low, high)
-        ends = (max(s[low] - 0.5 * profile.step_mm, 0.0), s[high - 1] + 0.5 * profile.step_mm)
+        ends = (float(edge[low]), float(edge[high]))
         first, last, own = _line(s[part], d[part], std[part], ends, taper=taper)
         middle = 0.5 * (first + last) / float(np.median(d))
         kind, whole = "tapering" if taper else "constant", float(np.hypot(own, common_std_mm * middle))
@@ -134,6 +137,18 @@ def diameter_at(stretches: tuple[Stretch, ...], s_mm: Float[np.ndarray, " n"]) -
     return np.interp(s_mm, np.maximum.accumulate(place), value)
 
 
+def within(stretches: tuple[Stretch, ...], low: float, high: float) -> tuple[Stretch, ...]:
+    """The parts of stretches between two places along the axis; none shorter than a tenth of that."""
+    out = []
+    for one in stretches:
+        ends = np.clip([one.from_mm, one.to_mm], low, high)
+        if ends[1] - ends[0] > 0.1 * (high - low):
+            first, last = np.interp(ends, [one.from_mm, one.to_mm], [one.first_mm, one.last_mm])
+            ends = [float(end) for end in ends]
+            out.append(Stretch(one.kind, ends[0], ends[1], float(first), float(last), one.std_mm))
+    return tuple(out)
+
+
 def mean_of(stretches: tuple[Stretch, ...]) -> tuple[float, float]:
     """Mean diameter over the length, and the standard deviation along it; 0 where the diameter is one."""
     length = np.array([one.length_mm for one in stretches])
@@ -155,9 +170,16 @@ def changes(stretches: tuple[Stretch, ...]) -> list[tuple[float, float, float]]:
         jump = after.first_mm - before.last_mm
         own = [max(one.std_mm**2 - common_std_mm**2, 0.0) for one in (before, after)]
         std = float(np.sqrt(sum(own)))
-        if abs(jump) > max(SURE * std, LEAST_SHARE * before.last_mm):
+        blur = max(_blur(before), _blur(after))  # where a taper ends is known to half a section
+        if abs(jump) > max(SURE * std, LEAST_SHARE * before.last_mm, blur):
             out.append((0.5 * (before.to_mm + after.from_mm), jump, std))
     return out
+
+
+def _blur(one: Stretch) -> float:
+    """By how much the diameter of a tapering stretch changes within half a section."""
+    slope = abs(one.last_mm - one.first_mm) / max(one.length_mm, 1e-9)
+    return slope * min(one.length_mm / (2 * LEAST_SECTIONS), one.first_mm / 8)
 
 
 def form_of(stretches: tuple[Stretch, ...]) -> str:

@@ -1,5 +1,6 @@
 """A cloud made ready for many searches: `build_tree` once, then `query`, `query_radius` and `query_count`."""
 
+from collections.abc import Callable
 from functools import partial, reduce
 from typing import NamedTuple
 
@@ -7,12 +8,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from cablejax.ops.cloud_by_cloud import cloud_by_cloud
 from cablejax.ops.neighbors.brute import count_brute, knn_brute
 from cablejax.ops.neighbors.dense import FEW_CHANNELS, knn_dense
 from cablejax.ops.neighbors.metric import nearest_image
 from cablejax.ops.neighbors.rank import in_order
 from cablejax.ops.neighbors.request import Points, as_float32, bit, prepare
-from cablejax.ops.neighbors.search import search
+from cablejax.ops.neighbors.search import Finish, search
 from cablejax.ops.neighbors.tree import Tree
 from cablejax.ops.neighbors.within import count_within
 from cablejax.types import Status
@@ -47,6 +49,8 @@ class SearchTree(NamedTuple):
             raise ValueError("row_splits: expected None without queries, whose splits they are")
         conditions = [each.good for each in (points, asking) if each.good is not None]
         if radius is not None:
+            if jnp.ndim(radius) > 0:
+                raise ValueError(f"radius: expected one number, got shape {list(jnp.shape(radius))}")
             conditions.append(jnp.asarray(radius, dtype=jnp.float32) >= 0)
         return asking._replace(good=reduce(jnp.logical_and, conditions)) if conditions else asking
 
@@ -249,9 +253,7 @@ def within_of(
     inside = nearest.sq_dist <= square_radius
     kept = jnp.sum(inside, axis=1, dtype=jnp.int32)
     # Who found fewer than there is room for has found all; only the others need a second look.
-    count = jax.lax.cond(
-        jnp.any(kept == capacity), lambda: _count_in(tree, asking, targets, square_radius, found_self), lambda: kept
-    )
+    count = _count_in(tree, asking, targets, square_radius, found_self, kept=kept, capacity=capacity)
     neighbors = jnp.where(inside, nearest.neighbors, -1)
     sq_dist = differentiable(nearest.sq_dist, nearest.neighbors, tree, queries)
     return RadiusResult(neighbors, jnp.where(inside, sq_dist, jnp.inf), count, count_status(asking, count, capacity))
@@ -291,25 +293,49 @@ def nearest_in(tree: SearchTree, asking: Points, targets: Tree | None, *, k: int
             neighbors, sq_dist = knn_brute(queries, columns, points.usable(), skip, k=k, box=box)
     else:
         assert targets is not None
-        finish, rows = partial(in_order, k=k), asking.xyz.shape[0]
-        neighbors, sq_dist = search(tree.tree, targets, rows, k=k, include_self=include_self, finish=finish)
+        neighbors, sq_dist = by_tree(
+            tree.tree, targets, asking.xyz.shape[0], k=k, include_self=include_self, finish=partial(in_order, k=k)
+        )
     usable = asking.usable()
     neighbors, sq_dist = jnp.where(usable[:, None], neighbors, -1), jnp.where(usable[:, None], sq_dist, jnp.inf)
     few = usable & (neighbors[:, -1] < 0)
     return KnnResult(neighbors, sq_dist, asking.status() | bit(few, Status.TOO_FEW_NEIGHBORS))
 
 
+def by_tree(tree: Tree, targets: Tree, rows: int, *, k: int, include_self: bool, finish: Finish) -> tuple[Array, ...]:
+    """`search`, one cloud after the other under `vmap`."""
+    return cloud_by_cloud(
+        lambda tree, targets: search(tree, targets, rows, k=k, include_self=include_self, finish=finish),
+        everywhere=True,
+    )(tree, targets)
+
+
 def _count_in(
-    tree: SearchTree, asking: Points, targets: Tree | None, square_radius: Array, include_self: bool
+    tree: SearchTree,
+    asking: Points,
+    targets: Tree | None,
+    square_radius: Array,
+    include_self: bool,
+    *,
+    kept: Array | None = None,
+    capacity: int = 0,
 ) -> Int[Array, " q"]:
-    """Points within the radius of each query; 0 for padding and what is not finite."""
+    """Points within the radius of each query, 0 for padding and what is not finite; `kept` where none reaches `capacity`."""
+    rows = asking.xyz.shape[0]
+
+    def unless_kept(kept: Array | None, count: Callable[[], Array]) -> Array:
+        return count() if kept is None else jax.lax.cond(jnp.any(kept == capacity), count, lambda: kept)
+
+    def within(tree: Tree, targets: Tree, square: Array, kept: Array | None) -> Array:
+        return unless_kept(kept, lambda: count_within(tree, targets, rows, square, include_self=include_self))
+
     if tree.tree is None:
         points, queries = tree.points(), asking.columns()
         box, skip = points.lengths(queries.shape[1]), _skip(asking, include_self)
-        count = count_brute(queries, points.columns(), points.usable(), skip, square_radius, box=box)
+        columns, usable = points.columns(), points.usable()
+        count = unless_kept(kept, lambda: count_brute(queries, columns, usable, skip, square_radius, box=box))
     else:
-        assert targets is not None
-        count = count_within(tree.tree, targets, asking.xyz.shape[0], square_radius, include_self=include_self)
+        count = cloud_by_cloud(within, everywhere=True)(tree.tree, targets, square_radius, kept)
     return jnp.where(asking.usable(), count, 0)
 
 

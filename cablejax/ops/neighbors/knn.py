@@ -7,10 +7,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from cablejax.ops.neighbors.index import KnnResult, SearchTree, knn_of, nearest_in, tree_of
+from cablejax.ops.neighbors.index import KnnResult, SearchTree, by_tree, knn_of, nearest_in, tree_of
 from cablejax.ops.neighbors.rank import Ranked, distance_sum, rows_in_order
 from cablejax.ops.neighbors.request import Points, bit
-from cablejax.ops.neighbors.search import Finish, search
+from cablejax.ops.neighbors.search import Finish
 from cablejax.types import Status
 
 
@@ -128,7 +128,13 @@ def neighbors_and_sums(
 
 
 def knn_features(features: Float[Array, "n c"], *, k: int, mask: Bool[Array, " n"] | None = None) -> KnnResult:
-    """The k nearest rows of each row of a small feature matrix `[n, c]`, the row itself not counted; see `knn`."""
+    """The k nearest rows of each row of a small feature matrix, all pairs compared; results and errors as `knn`.
+
+    Args:
+        features: Features `[n, c]`.
+        k: Neighbours per row, the row itself not counted. Static.
+        mask: True where a row counts `[n]`; all if None.
+    """
     return knn(features, k=k, mask=mask)
 
 
@@ -141,4 +147,4 @@ def _sums(sq_dist: Float[Array, "n k"]) -> tuple[Float[Array, " n"], Int[Array, 
 def _own_neighbors(tree: SearchTree, points: Points, k: int, finish: Finish) -> tuple[Array, ...]:
     """What `finish` makes of the neighbours of every point."""
     assert tree.tree is not None
-    return search(tree.tree, tree.tree, points.xyz.shape[0], k=k, include_self=False, finish=finish)
+    return by_tree(tree.tree, tree.tree, points.xyz.shape[0], k=k, include_self=False, finish=finish)
