@@ -67,14 +67,13 @@ def main() -> None:
                 told += "" if result.form == "one diameter" else f"\n{result.form}"
             except MeasureError as error:
                 row = {"refused": str(error)}
-                told = "refused: " + textwrap.shorten(
-                    str(error).removeprefix("The diameter cannot be told: "), 60, placeholder=" ..."
+                told = textwrap.shorten(
+                    str(error).removeprefix("The diameter cannot be told: "), 90, placeholder=" ..."
                 )
+            told = "\n".join(line for part in told.splitlines() for line in textwrap.wrap(part, 48))
             panel(ax, xyz, result, known[name])
             ax.set_aspect("equal", adjustable="datalim")
-            ax.set_title(
-                f"{name}: {verdict(known[name], row)}\ntrue {known[name]} mm, measured {told}", fontsize=7, loc="left"
-            )
+            ax.set_title(f"{name}: {verdict(known[name], row)}, true {known[name]} mm\n{told}", fontsize=7, loc="left")
         Path(options.out).write_bytes(png_bytes(figure))
 
 
