@@ -1,17 +1,19 @@
 """Where tasks run: in this process, in several of this machine, or on the workers of a Dask cluster."""
 
+import contextlib
+import logging
 import os
 import queue
 import threading
 import uuid
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from typing import Any, Protocol, runtime_checkable
 
 from cablejax.batch.child import Child, ClosedError
 from cablejax.batch.task import Outcome, Task, call
 from cablejax.optional import require
 
-CONNECT_S = 10.0
+CONNECT_S = 30.0
 
 
 @runtime_checkable
@@ -144,7 +146,7 @@ class Dask:
             client = Client(self.address, timeout=CONNECT_S, set_as_default=False)
         except (OSError, ValueError) as error:
             raise EngineError(f"--scheduler {self.address}: no Dask scheduler answers there ({error})") from None
-        with client:
+        with _unlogged("distributed.client"), client:
             run = uuid.uuid4().hex  # a scheduler remembers the keys of others
             futures: dict[Any, Task] = {
                 client.submit(on_worker, task, key=f"{task.name}-{run}", pure=False): task for task in tasks
@@ -162,6 +164,17 @@ class Dask:
             raise EngineError(f"--scheduler {self.address}: the scheduler has gone")
         error = future.exception()
         return Outcome(task.name, "crashed", reason=f"the cluster gave it up ({type(error).__name__}: {error})")
+
+
+@contextlib.contextmanager
+def _unlogged(name: str) -> Iterator[None]:
+    """Keep a logger still: what it has to say, with tracebacks, an `EngineError` says in a sentence."""
+    logger = logging.getLogger(name)
+    logger.disabled, before = True, logger.disabled
+    try:
+        yield
+    finally:
+        logger.disabled = before
 
 
 _mine = threading.local()
