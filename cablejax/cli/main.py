@@ -99,9 +99,7 @@ def _classify(sub: argparse._SubParsersAction) -> None:
     _scan_arguments(parser)
     network = parser.add_mutually_exclusive_group()
     network.add_argument(
-        "--network",
-        metavar="NAME",
-        help="one that comes with the package: adgcnn or adgcnn_fit (default: by the arc seen)",
+        "--network", default="adgcnn_fit", metavar="NAME", help="one that comes with the package (default: adgcnn_fit)"
     )
     network.add_argument("--checkpoint", metavar="FOLDER", help="of a run of experiments.train, whose network to take")
     parser.add_argument("--seed", type=int, default=0, help="of the samples that the network sees (default: 0)")

@@ -1,8 +1,9 @@
 """Datasets on disk: splits written once with a checksum, and arrays of other makers (ModelNet10) as splits.
 
-A stored split is an uncompressed NumPy `.npz` with four arrays, those of `Split`: `xyz` float32 `[clouds, n, 3]` in mm,
-`mask` bool `[clouds, n]`, `label` int32 `[clouds]`, `diameter_mm` float32 `[clouds]`; a string `config` (the
-`DatasetConfig` and the split's name as JSON); and a string `sha256`, the digest of the four arrays' bytes in that order
+A stored split is an uncompressed NumPy `.npz` with the arrays of `Split`: `xyz` float32 `[clouds, n, 3]` in mm,
+`mask` bool `[clouds, n]`, `label` int32 `[clouds]`, `diameter_mm` float32 `[clouds]`, and where it is known `on_cable` bool
+`[clouds, n]`; a string `config` (the
+`DatasetConfig` and the split's name as JSON); and a string `sha256`, the digest of the arrays' bytes in that order
 followed by `config` in UTF-8. NumPy alone reads it.
 """
 
@@ -22,13 +23,14 @@ from jaxtyping import Float
 from cablejax.simulate.dataset import DatasetConfig, Split
 
 FIELDS = {"xyz": np.float32, "mask": np.bool_, "label": np.int32, "diameter_mm": np.float32}
+OPTIONAL = {"on_cable": np.bool_}
 # What NumPy and zipfile raise on damaged archives; 3,000 mutated files raised nothing else.
 UNREADABLE = (KeyError, ValueError, EOFError, OSError, RuntimeError, zipfile.BadZipFile, zlib.error)
 
 
 def _digest(arrays: dict[str, np.ndarray], config: str) -> str:
     digest = hashlib.sha256()
-    for name in FIELDS:
+    for name in (*FIELDS, *(name for name in OPTIONAL if name in arrays)):
         digest.update(np.ascontiguousarray(arrays[name]).tobytes())
     digest.update(config.encode())
     return digest.hexdigest()
@@ -52,7 +54,8 @@ def save_split(path: str | Path, split: Split, *, config: DatasetConfig, name: s
     path = Path(path)
     if path.suffix != ".npz":
         raise ValueError(f"path: expected a name that ends in .npz, got {str(path)!r}")
-    arrays = {field: np.asarray(getattr(split, field), kind) for field, kind in FIELDS.items()}
+    known = FIELDS | {field: kind for field, kind in OPTIONAL.items() if getattr(split, field) is not None}
+    arrays = {field: np.asarray(getattr(split, field), kind) for field, kind in known.items()}
     text = json.dumps({"config": asdict(config), "split": name}, sort_keys=True)
     checksum = _digest(arrays, text)
     part = path.with_name(f"{path.name}.{os.getpid()}.part")
@@ -77,7 +80,7 @@ def load_split(path: str | Path) -> tuple[Split, DatasetConfig, str]:
     data = Path(path).read_bytes()
     try:
         with np.load(io.BytesIO(data), allow_pickle=False) as file:
-            arrays = {field: file[field] for field in FIELDS}
+            arrays = {field: file[field] for field in (*FIELDS, *OPTIONAL) if field in FIELDS or field in file.files}
             text, checksum = str(file["config"]), str(file["sha256"])
     except UNREADABLE as error:
         raise ValueError(f"{path}: expected a stored split, got {error}") from None

@@ -33,7 +33,7 @@ def test_a_network_says_what_it_said_when_it_was_stored(name):
 
 
 def test_what_the_cards_say():
-    assert {"adgcnn", "adgcnn_fit"} <= set(pretrained_names())
+    assert "adgcnn_fit" in pretrained_names()
     for name in pretrained_names():
         card = load_pretrained(name).card
         assert card["name"] == name
@@ -45,7 +45,7 @@ def test_what_the_cards_say():
 
 
 def test_an_unknown_name_is_refused():
-    with pytest.raises(WeightsError, match=r"name: expected one of adgcnn, .*, got 'resnet'"):
+    with pytest.raises(WeightsError, match=r"name: expected one of .*adgcnn_fit.*, got 'resnet'"):
         load_pretrained("resnet")
 
 
