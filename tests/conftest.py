@@ -62,8 +62,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_collection_finish() -> None:
-    """Collect garbage rarely: tracing makes millions of objects, and looking through them was a fifth of the time of tests
-    whose programs are compiled already."""
+    """Collect garbage rarely: tracing makes millions of objects. Processor seconds of test_edges.py with a warm cache, twice
+    on a busy machine: 9.3 and 8.3 before, 7.2 and 8.1 now."""
     gc.collect()
     gc.freeze()
     gc.set_threshold(100_000, 50, 50)
