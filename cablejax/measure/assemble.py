@@ -45,6 +45,7 @@ COVERED, LONG, STEADY = (
     4.0,
     0.2,
 )  # of the length with sections, diameters long, and of the diameter that sections differ
+SMOOTH = 0.05  # scatter over the radius, above which circles of single sections are off by the noise itself
 SECTION = 0.25  # radii between the circles that tell the form
 BETTER = 0.8  # of the scatter about one diameter: several must leave less, or their circles are made of noise
 KEEP_SIGMA = 3.5  # standard deviations from the surface within which a point counts as the cable's
@@ -172,12 +173,13 @@ def _form(scan: Scan, fitted: Fitted, find: Find) -> _Form:
     one = form_of(inside) == ONE
     own = max(part.std_mm for part in inside)
     apart = (mean - 2 * fit.radius_mm) ** 2 - own**2 - (2 * fit.clustered_mm) ** 2
+    smooth = fit.noise_mm < SMOOTH * fit.radius_mm
     return _Form(
         stretches=stretches,
         residual_mm=fit.residual_mm if one else residual,
         mean_mm=None if one else mean,
         spread_mm=spread,
-        against_mm=float(np.sqrt(max(apart, 0.0))) if one and _steady(profile, length) else 0.0,
+        against_mm=float(np.sqrt(max(apart, 0.0))) if one and smooth and _steady(profile, length) else 0.0,
         words=form_of(stretches),
         uneven=_uneven(profile, length),
     )
