@@ -1,7 +1,6 @@
 """Reading a scan for a command: progress on stderr, the unit, errors in one line."""
 
 import argparse
-import contextlib
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -50,8 +49,7 @@ def unit_of(options: argparse.Namespace, path: str) -> str:
 
     if options.unit is not None:
         return options.unit
-    with contextlib.closing(iter_points(path, unit=None, columns=options.columns, chunk=FIRST_PIECE)) as pieces:
-        scan = next(pieces)
+    scan = next(iter_points(path, unit=None, columns=options.columns, chunk=FIRST_PIECE))
     return scan.unit if scan.stated_unit is not None else _guessed_unit(scan)
 
 
