@@ -53,7 +53,7 @@ class ADGCNNFit(nnx.Module):
         num_classes: C.
         diameters_mm: Nominal diameter of each class `[C]`.
         k: Neighbours per point in every graph, the point itself counted.
-        attention: Channel attention, equation (12).
+        attention: Channel attention, eq. (12).
         widths: Channels of the edge convolutions.
         shared_width: Channels of the shared layer before pooling.
         point_head: Channels of the layers that score the points.
