@@ -39,7 +39,7 @@ def test_programs_are_let_go_before_there_is_no_room(monkeypatch):
     f = jax.jit(lambda x: jnp.sort(x) + 1)
     f(jnp.zeros(7))
     assert f._cache_size() == 1
-    assert not make_room()
+    assert not make_room(full=1.0)  # the process runs, so there are maps left
     assert f._cache_size() == 1
     assert make_room(full=1e-6)
     assert f._cache_size() == 0

@@ -251,7 +251,7 @@ def _diameter(fitted: Fitted, form: _Form, arc: float, settings: MeasureSettings
         unseen_mm=open_mm,
         form=form.words,
         form_mm=form.spread_mm,
-        against_mm=form.against_mm,
+        against_mm=form.against_mm if sweep is None else 0.0,  # sections still hold the sweeps' shifts
         scale_std=settings.scale_std,
         filter_std_mm=settings.filter_std_mm,
         one_view=settings.stations == 1,

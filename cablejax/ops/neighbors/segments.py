@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from cablejax.ops.neighbors.tree import Tree, boxes_of, build
 
-APART = 4e19  # between two clouds along the further axis: its square is beyond float32
+APART = 2.0**65  # between two clouds along the further axis: its square is beyond float32, and a multiple of it exact
 
 
 def segments_of(row_splits: Int[Array, " b1"], n: int) -> tuple[Int[Array, " n"], Bool[Array, ""]]:
