@@ -26,13 +26,27 @@ class _Network(NamedTuple):
     accuracy: float
 
 
-def _of_run(folder: str) -> _Network:
-    """The network of a run of `experiments.train`."""
+def _record_of(folder: str) -> dict[str, Any]:
+    """The record of a run of `experiments.train`.
+
+    Raises:
+        NoResultError: If it is none, or does not say which network was trained.
+    """
+    record = read_run(folder, trained="classifier", by="experiments.train", holds="labels_mm2")
+    config = record.get("config")
+    if not isinstance(config, dict) or not {"model", "dataset"} <= set(config):
+        raise NoResultError(
+            f"--checkpoint {folder}: its run.json is damaged: it does not say which network was trained"
+        )
+    return record
+
+
+def _of_run(folder: str, record: dict[str, Any]) -> _Network:
+    """The network of a run."""
     from flax import nnx
 
     from cablejax.nets import build_model
 
-    record = read_run(folder, trained="classifier", by="experiments.train", holds="labels_mm2")
     config, metrics = record["config"], record["metrics"]
     labels, options = metrics["labels_mm2"], dict(config["model"]["options"])
     if config["model"]["name"] == "adgcnn_fit":
@@ -92,8 +106,9 @@ def _pieces(xyz: "np.ndarray", along: "np.ndarray", clouds: dict[str, Any], seed
 
 def run(options: argparse.Namespace) -> dict[str, Any]:
     """Find the cable, sample it, average the network's probabilities over the samples."""
-    told = _of_package(options.network) if options.checkpoint is None else _of_run(options.checkpoint)
+    record = None if options.checkpoint is None else _record_of(options.checkpoint)
     scan = load(options, options.scan)
+    told = _of_package(options.network) if record is None else _of_run(options.checkpoint, record)
     import jax
     import numpy as np
 

@@ -71,7 +71,7 @@ def test_a_result_is_as_its_schema_says(capsys, scans, tmp_path, monkeypatch, ca
 def test_a_networks_sizes_are_as_their_schema_says():
     """What `classify` returns, whose network takes long to train."""
     result = {
-        "schema": "classify/1", "file": "a.ply", "checkpoint": "run", "model": "adgcnn", "test_accuracy": 0.9,
+        "schema": "classify/1", "file": "a.ply", "network": "run", "model": "adgcnn", "test_accuracy": 0.9,
         "size_mm2": "240", "probabilities": {"240": 0.9, "300": 0.1}, "measured_diameter_mm": 34.2,
     }  # fmt: skip
     jsonschema.validate(result, read_schema("classify"))

@@ -90,7 +90,7 @@ def test_every_command_that_reads_scans_takes_columns(tmp_path, capsys, command)
         "register": [str(path)],
         "classify": ["--checkpoint", str(tmp_path)],
     }
-    (tmp_path / "run.json").write_text('{"config": {}, "metrics": {"labels_mm2": []}}')
+    (tmp_path / "run.json").write_text('{"config": {"model": {}, "dataset": {}}, "metrics": {"labels_mm2": []}}')
     arguments = [command, str(path), *more.get(command, []), "--unit", "mm", "--quiet"]
     assert main(arguments) == 1
     assert "--columns index,x,y,z" in capsys.readouterr().err
