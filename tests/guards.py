@@ -21,11 +21,14 @@ SOURCES = ROOT / "cablejax"
 STATE = ROOT / ".pytest_cache" / "guards.json"
 SECONDS = 120  # without its guard a loop may never end
 CALL = "__guard__"
+SPARED = "cablejax/io/atomic.py"  # without its guards a test that runs as root puts a file in the place of /dev/full
 
 
 def guards_of(path: Path) -> dict[str, ast.Raise]:
     """The `raise` statements of a file by name: file, function, what is raised, its number among equals."""
     found: dict[str, ast.Raise] = {}
+    if path == ROOT / SPARED:
+        return found
 
     def visit(node: ast.AST, owner: str) -> None:
         for child in ast.iter_child_nodes(node):

@@ -13,6 +13,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from cablejax.cli import main
+from cablejax.cli.schema import read_schema
 from cablejax.io import read_points, write_points
 from tests.reference.circles import bent_cable
 
@@ -346,6 +347,7 @@ def test_classify_takes_a_network_of_the_package(capsys, scan):
     code, out, err = run(capsys, "classify", scan, "--unit", "mm", "--json")
     assert code == 0
     found = json.loads(out)
+    assert set(found) == set(read_schema("classify")["properties"])
     assert found["model"] == "adgcnn_fit"
     assert found["network"] in err
     assert found["size_mm2"] == "150"  # 30.1 mm; the scan's cable has 30
