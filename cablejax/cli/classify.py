@@ -108,7 +108,7 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
     """Find the cable, sample it, average the network's probabilities over the samples."""
     record = None if options.checkpoint is None else _record_of(options.checkpoint)
     scan = load(options, options.scan)
-    told = _of_package(options.network) if record is None else _of_run(options.checkpoint, record)
+    told = _of_package(options.network) if record is None else _of_run(str(options.checkpoint), record)
     import jax
     import numpy as np
 
