@@ -27,10 +27,13 @@ def removal_scores(keep: np.ndarray, is_outlier: np.ndarray) -> dict[str, float]
 def run(cfg: Config, folder: Path) -> dict[str, Any]:
     """Clean one scan with one filter; every figure is of the points that remain."""
     scan = make_scan(cfg.scan, cfg.noise, seed=cfg.seed)
-    cleaned, timing = timed(make_cleaner(cfg.filter), PointCloud.from_xyz(scan.xyz_mm), repeats=cfg.timing_repeats)
-    rows = len(scan.xyz_mm)  # the cloud is padded
-    keep = np.asarray(cleaned.mask)[:rows]
-    signed = signed_distance_mm(scan, np.asarray(cleaned.xyz)[:rows])[keep]
+    cleaned, timing = timed(
+        make_cleaner(cfg.filter),
+        PointCloud.from_xyz(scan.xyz_mm, capacity=len(scan.xyz_mm)),
+        repeats=cfg.timing_repeats,
+    )
+    keep = np.asarray(cleaned.mask)
+    signed = signed_distance_mm(scan, np.asarray(cleaned.xyz))[keep]
     return {
         "points": int(keep.size),
         "remaining": int(keep.sum()),
