@@ -25,10 +25,6 @@ def make_room(full: float = FULL) -> bool:
 
     Returns:
         Whether programs were let go. Where the system does not count maps (not Linux), never.
-
-    Example:
-        >>> make_room()
-        False
     """
     try:
         limit = int(LIMIT.read_text())
