@@ -43,7 +43,7 @@ def data_dir() -> Path:
 SLOWEST = (
     "experiments/harness/test_sweep.py",
     "ops/test_neighbors_and_sums.py",
-    "simulate/test_parts.py",
+    "simulate/test_part_clouds.py",
     "simulate/test_surfaces.py",
     "test_notebooks.py",
     "ops/test_filters.py",

@@ -17,7 +17,7 @@ from cablejax.train.memory import release_freed_memory
 from cablejax.train.metrics import Clouds, Metrics, also_learnt, arrays_of, predict, score_all
 from cablejax.train.optimizers import OPTIMIZERS, evaluation_params, make_optimizer
 from cablejax.train.placement import Placement
-from cablejax.train.step import Data, Schedule, StepReport, TrainState, make_runner, rate_at
+from cablejax.train.update import Data, Schedule, StepReport, TrainState, make_runner, rate_at
 
 
 class TrainingDiverged(RuntimeError):
