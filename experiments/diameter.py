@@ -13,10 +13,10 @@ from cablejax.measure import measure_cable
 from cablejax.report import thin
 from cablejax.simulate import Scan, catalogue
 from cablejax.types import PointCloud
-from experiments import app
-from experiments.cleaning import make_cleaner
-from experiments.scans import make_scan, section_coordinates_mm, signed_distance_mm
-from experiments.schema import Config
+from experiments.harness import app
+from experiments.harness.schema import Config
+from experiments.material.cleaning import make_cleaner
+from experiments.material.scans import make_scan, section_coordinates_mm, signed_distance_mm
 
 VIEW_POINTS = 5000
 SLICE_MM = 4.0

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from cablejax.types import PointCloud
-from experiments import app
-from experiments.cleaning import make_cleaner, timed
-from experiments.scans import make_scan, signed_distance_mm
-from experiments.schema import Config
+from experiments.harness import app
+from experiments.harness.schema import Config
+from experiments.material.cleaning import make_cleaner, timed
+from experiments.material.scans import make_scan, signed_distance_mm
 
 
 def removal_scores(keep: np.ndarray, is_outlier: np.ndarray) -> dict[str, float]:

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from cablejax.types import PointCloud
-from experiments import app
-from experiments.cleaning import make_cleaner, timed
-from experiments.scans import Deviation, make_scan, signed_distance_mm
-from experiments.schema import Config
+from experiments.harness import app
+from experiments.harness.schema import Config
+from experiments.material.cleaning import make_cleaner, timed
+from experiments.material.scans import Deviation, make_scan, signed_distance_mm
 
 
 def run(cfg: Config, folder: Path) -> dict[str, Any]:
