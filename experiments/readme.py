@@ -10,11 +10,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 from experiments import ROOT
+from experiments.display.claims import verdict_table
 from experiments.display.further_sections import FURTHER
 from experiments.display.headlines import headline_table
 from experiments.display.sections import SECTIONS, Section
 from experiments.display.table import Table
-from experiments.display.verdicts import verdict_table
 
 PAGES = ("README.md", "docs/results.md", "docs/nets.md")
 MARK = re.compile(r"(<!-- made: ([\w ]+) -->\n).*?(<!-- end -->)", re.DOTALL)

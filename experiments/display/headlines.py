@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
+from experiments.analysis.results import Results
 from experiments.display.table import Table
-from experiments.results import Results
 
 NEEDED = ("table2_3_deviation", "standard_adgcnn", "benchmarks/coverage", "benchmarks/real")
 
