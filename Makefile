@@ -152,8 +152,8 @@ docs: $(VENV)/.docs-stamp ## Build the documentation into docs/_build/html (tuto
 	@$(BIN)/python -m sphinx -b html -W --keep-going -q docs docs/_build/html
 	@echo "$(CURDIR)/docs/_build/html/index.html"
 
-release: $(VENV)/.dev-stamp ## Build and check sdist and wheel, and write the notes, into dist/; nothing is uploaded
-	@$(BIN)/python -m tools.release
+release: $(VENV)/.dev-stamp ## Build and check sdist and wheel into dist/, with notes; nothing is uploaded (DRAFT=1 before it is ready)
+	@$(BIN)/python -m tools.release $(if $(DRAFT),--draft)
 
 COMPILE := $(BIN)/uv pip compile pyproject.toml --python-version 3.11 --universal --generate-hashes \
 	--no-emit-index-url --no-emit-find-links --no-annotate --no-header --quiet -c requirements/held.in
