@@ -41,7 +41,7 @@ def data_dir() -> Path:
 
 # Where `make test` begins, with a file to each process in turn, so that no process is left alone with a long one at the end.
 SLOWEST = (
-    "experiments/test_sweep.py",
+    "experiments/harness/test_sweep.py",
     "ops/test_neighbors_and_sums.py",
     "simulate/test_parts.py",
     "simulate/test_surfaces.py",
