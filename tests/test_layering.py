@@ -29,7 +29,9 @@ ALLOWED = {
     "batch": {"types", "io", "optional", "runtime"},
     "export": {"types", "io", "measure", "report", "optional"},
     "tiles": {"types", "ops", "io", "batch"},
+    "app": {"io", "measure", "report", "export", "batch"},
     "cli": {
+        "app",
         "types",
         "ops",
         "registration",
