@@ -21,11 +21,11 @@ from cablejax.io import read_json, write_json
 from cablejax.nets.adgcnn import ADGCNN
 from cablejax.nets.aedgeconv import AEdgeConv
 from cablejax.nets.pose import pose_clouds
-from experiments import schema
 from experiments.collect import flatten
-from experiments.revision import code_revision
-from experiments.runs import RECORD
-from experiments.train import clouds_of, fitted, held_out
+from experiments.harness import schema
+from experiments.harness.revision import code_revision
+from experiments.harness.runs import RECORD
+from experiments.material.training import clouds_of, fitted, held_out
 
 TINY = 1e-12  # below every response: keeps a silent channel or point from dividing by zero
 

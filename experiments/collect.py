@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from cablejax.io import read_json, write_json
-from experiments.revision import is_clean
-from experiments.runs import RECORD
+from experiments.harness.revision import is_clean
+from experiments.harness.runs import RECORD
 
 Record = dict[str, Any]
 ABSENT = object()  # what a key is in a run that has none: another filter's, which None would hide

@@ -13,10 +13,10 @@ from cablejax.measure import measure_cable
 from cablejax.report import thin
 from cablejax.simulate import Scan, catalogue
 from cablejax.types import PointCloud
-from experiments import app
-from experiments.cleaning import make_cleaner
-from experiments.scans import make_scan, section_coordinates_mm, signed_distance_mm
-from experiments.schema import Config
+from experiments.harness import app
+from experiments.harness.schema import Config
+from experiments.material.cleaning import make_cleaner
+from experiments.material.scans import make_scan, section_coordinates_mm, signed_distance_mm
 
 VIEW_POINTS = 5000
 SLICE_MM = 4.0
@@ -53,7 +53,7 @@ def run(cfg: Config, folder: Path) -> dict[str, Any]:
     """Measure one scan before and after filtering."""
     scan = make_scan(cfg.scan, cfg.noise, seed=cfg.seed)
     raw = np.asarray(scan.xyz_mm)
-    cleaned = make_cleaner(cfg.filter)(PointCloud.from_xyz(raw, capacity=len(raw)))
+    cleaned = make_cleaner(cfg.filter)(PointCloud.from_xyz(raw))
     filtered = np.asarray(cleaned.xyz)[np.asarray(cleaned.mask)]
     metrics: dict[str, Any] = {"true_diameter_mm": float(scan.true_diameter_mm)}
     for name, xyz in (("raw", raw), ("filtered", filtered)):

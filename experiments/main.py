@@ -16,7 +16,7 @@ from pathlib import Path
 
 from experiments import ROOT, collect, figures, report
 from experiments.display.sections import all_tables
-from experiments.revision import code_revision
+from experiments.harness.revision import code_revision
 from experiments.study import usable_cores
 
 INTERRUPTED = 130

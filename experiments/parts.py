@@ -15,9 +15,9 @@ from cablejax.io import RunLogger
 from cablejax.nets import PartNetwork
 from cablejax.simulate import PARTS, PartsConfig, PartSplit, make_part_split
 from cablejax.train import Metrics, evaluate, fit, intersection_over_union
-from experiments import app
-from experiments.schema import Config
-from experiments.train import training_config
+from experiments.harness import app
+from experiments.harness.schema import Config
+from experiments.material.training import training_config
 
 DENSER = 2  # times the points of a cloud are simulated for training, of which each epoch draws its own
 SCALES = (0.85, 1.15)

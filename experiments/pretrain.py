@@ -20,9 +20,10 @@ from cablejax.io import RunLogger
 from cablejax.nets import build_model
 from cablejax.simulate import Split
 from cablejax.train import TrainingDiverged, evaluate, fit
-from experiments import ROOT, app
-from experiments.schema import Config
-from experiments.train import diverged, training_config
+from experiments import ROOT
+from experiments.harness import app
+from experiments.harness.schema import Config
+from experiments.material.training import diverged, training_config
 
 FILE = "classification/modelnet10_train_1024.npz"
 RADIUS_MM = (

@@ -24,12 +24,12 @@ from cablejax.simulate.clouds import VERSIONS
 from cablejax.train import evaluate, initialise_from
 from cablejax.train.metrics import predict
 from experiments import ROOT, parts
+from experiments.analysis.inference import wilson
 from experiments.collect import CollectError, flatten
-from experiments.inference import wilson
-from experiments.revision import is_clean
-from experiments.runs import RECORD
-from experiments.schema import Config, from_flat
-from experiments.train import fitted_options, held_out
+from experiments.harness.revision import is_clean
+from experiments.harness.runs import RECORD
+from experiments.harness.schema import Config, from_flat
+from experiments.material.training import fitted_options, held_out
 
 WEIGHTS = ROOT / "cablejax" / "nets" / "weights"
 GOLDEN = ROOT / "tests" / "golden"

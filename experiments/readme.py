@@ -9,8 +9,8 @@ import sys
 from pathlib import Path
 
 from experiments import ROOT
+from experiments.display.claims import verdict_table
 from experiments.display.sections import all_tables
-from experiments.display.verdicts import verdict_table
 
 MARK = re.compile(r"(<!-- results:begin -->\n).*?(<!-- results:end -->)", re.DOTALL)
 

@@ -25,14 +25,14 @@ from cablejax.ops import weighted_cylinder
 from cablejax.simulate import Split
 from cablejax.train import initialise_from
 from experiments import ROOT
-from experiments.baseline import fitted_diameters, nearest_size
+from experiments.analysis.results import Results
 from experiments.collect import CollectError, flatten, read_records
-from experiments.display.rejection_tables import arcs, ways
-from experiments.results import Results
-from experiments.revision import code_revision, is_clean
-from experiments.runs import RECORD
-from experiments.schema import Config, from_flat
-from experiments.train import clouds_of, held_out, initial_model
+from experiments.display.measurement.rejection_tables import arcs, ways
+from experiments.harness.revision import code_revision, is_clean
+from experiments.harness.runs import RECORD
+from experiments.harness.schema import Config, from_flat
+from experiments.material.baseline import fitted_diameters, nearest_size
+from experiments.material.training import clouds_of, held_out, initial_model
 
 TRAINED = "hard_adgcnn_fit"
 CLOUDS = (("standard", 512), ("real-like", 512), ("hard", 512), ("hard", 1024))  # of the tests

@@ -8,11 +8,11 @@ from pathlib import Path
 
 from cablejax.io import atomic_write
 from cablejax.report import Page, figure_style, point_scene
-from experiments.display.filtering_figures import scan_clouds
+from experiments.analysis.results import Results
+from experiments.display.claims import verdict_table
+from experiments.display.filtering.figures import scan_clouds
 from experiments.display.further_sections import FURTHER
 from experiments.display.sections import SECTIONS, Section
-from experiments.display.verdicts import verdict_table
-from experiments.results import Results
 
 INTRODUCTION = (
     "Made from results files alone. Every number states the size of its run and its seeds; where the paper gives a number, it "

@@ -15,10 +15,10 @@ import jax.numpy as jnp
 from cablejax.ops import cylinder_frame
 from cablejax.simulate import Split
 from cablejax.train import evaluate
-from experiments import app
-from experiments.baseline import baseline
-from experiments.schema import Config
-from experiments.train import clouds_of, fitted, held_out
+from experiments.harness import app
+from experiments.harness.schema import Config
+from experiments.material.baseline import baseline
+from experiments.material.training import clouds_of, fitted, held_out
 
 NOISE_MM = (0.0, 0.1, 0.2, 0.4, 0.8)
 KEPT = (1.0, 0.75, 0.5, 0.25)

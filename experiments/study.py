@@ -22,8 +22,8 @@ import numpy as np
 
 from cablejax.io import read_json
 from experiments import ROOT
-from experiments.revision import code_revision
-from experiments.runs import RECORD
+from experiments.harness.revision import code_revision
+from experiments.harness.runs import RECORD
 
 OPTIMIZERS = ("adadelta", "sgd", "mbgd", "adagrad", "rmsprop", "adam", "adamw", "schedule_free", "muon")
 SEARCH, CONFIRM, FINAL = "search", "confirm", "final"

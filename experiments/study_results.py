@@ -13,7 +13,7 @@ from typing import Any
 from cablejax.io import write_json
 from experiments import ROOT, study
 from experiments.collect import CollectError, flatten
-from experiments.revision import code_revision, is_clean
+from experiments.harness.revision import code_revision, is_clean
 from experiments.study import CONFIRM, FINAL, PAPER_WAY, PARTS, SEARCH, Job, Records
 
 KEPT = ("epoch", "train_loss", "validation_loss", "validation_overall", "seconds")

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from cablejax.types import PointCloud
-from experiments import app
-from experiments.cleaning import make_cleaner, timed
-from experiments.scans import make_scan, signed_distance_mm
-from experiments.schema import Config
+from experiments.harness import app
+from experiments.harness.schema import Config
+from experiments.material.cleaning import make_cleaner, timed
+from experiments.material.scans import make_scan, signed_distance_mm
 
 
 def removal_scores(keep: np.ndarray, is_outlier: np.ndarray) -> dict[str, float]:
@@ -29,7 +29,7 @@ def run(cfg: Config, folder: Path) -> dict[str, Any]:
     scan = make_scan(cfg.scan, cfg.noise, seed=cfg.seed)
     cleaned, timing = timed(
         make_cleaner(cfg.filter),
-        PointCloud.from_xyz(scan.xyz_mm, capacity=len(scan.xyz_mm)),
+        PointCloud.from_xyz(scan.xyz_mm),
         repeats=cfg.timing_repeats,
     )
     keep = np.asarray(cleaned.mask)

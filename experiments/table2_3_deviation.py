@@ -9,17 +9,17 @@ from typing import Any
 import numpy as np
 
 from cablejax.types import PointCloud
-from experiments import app
-from experiments.cleaning import make_cleaner, timed
-from experiments.scans import Deviation, make_scan, signed_distance_mm
-from experiments.schema import Config
+from experiments.harness import app
+from experiments.harness.schema import Config
+from experiments.material.cleaning import make_cleaner, timed
+from experiments.material.scans import Deviation, make_scan, signed_distance_mm
 
 
 def run(cfg: Config, folder: Path) -> dict[str, Any]:
     """Filter one scan; `before` and `after` are of the same points, those that outlier removal keeps."""
     scan = make_scan(cfg.scan, cfg.noise, seed=cfg.seed)
     raw = np.asarray(scan.xyz_mm)
-    cleaned, timing = timed(make_cleaner(cfg.filter), PointCloud.from_xyz(raw, capacity=len(raw)), repeats=1)
+    cleaned, timing = timed(make_cleaner(cfg.filter), PointCloud.from_xyz(raw), repeats=1)
     keep = np.asarray(cleaned.mask)
     before = Deviation.of(signed_distance_mm(scan, raw)[keep], tolerance_mm=cfg.tolerance_mm)
     signed = signed_distance_mm(scan, np.asarray(cleaned.xyz))[keep]

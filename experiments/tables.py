@@ -7,7 +7,7 @@ python -m experiments.tables --results results --paper    Tables 1-3 in the pape
 import argparse
 from pathlib import Path
 
-from experiments.display.paper_tables import paper_tables
+from experiments.display.filtering.paper_layout import paper_tables
 from experiments.display.sections import all_tables
 
 

@@ -17,10 +17,11 @@ from pathlib import Path
 from typing import Any
 
 from cablejax.jax_sums import check_sums
-from experiments import ROOT, diameter, schema, table1_filtering, table2_3_deviation, train
+from experiments import ROOT, diameter, table1_filtering, table2_3_deviation, train
+from experiments.analysis.results import Results
 from experiments.collect import flatten
-from experiments.results import Results
-from experiments.runs import Task
+from experiments.harness import schema
+from experiments.harness.runs import Task
 
 SAGITTA, SAGITTA_DOUBT = "bend_sagitta_mm", "bend_sagitta_doubt_mm"
 UNTOLD = (SAGITTA_DOUBT, "seconds", "history", "view", "test_confusion", "epoch", "loss", "counts")

@@ -58,7 +58,7 @@ def optimized(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 # Where `make test` begins, with a file to each process in turn, so that no process is left alone with a long one at the end.
 SLOWEST = (
-    "experiments/test_sweep.py",
+    "experiments/harness/test_sweep.py",
     "ops/test_neighbors_and_sums.py",
     "simulate/test_parts.py",
     "simulate/test_surfaces.py",

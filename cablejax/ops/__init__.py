@@ -15,7 +15,7 @@ from cablejax.ops.edges import (
 )
 from cablejax.ops.eigen import SymmetricEigen, symmetric_eigen
 from cablejax.ops.feature_graph import feature_graph
-from cablejax.ops.filter_width import Trial, choose_alpha, pilot_step, usual_noise, width_trial
+from cablejax.ops.filter_width import Trial, choose_alpha, pilot_places, usual_noise, width_trial
 from cablejax.ops.filters import FilterResult, adaptive_filter
 from cablejax.ops.graph import EdgeList, edge_list, knn_graph, radius_graph
 from cablejax.ops.moments import LocalMoments, local_moments, masked_covariance, masked_mean, masked_variance
@@ -88,7 +88,7 @@ __all__ = [
     "neighbor_max",
     "neighbor_sum",
     "orient_normals",
-    "pilot_step",
+    "pilot_places",
     "principal_frame",
     "query",
     "query_count",

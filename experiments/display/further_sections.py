@@ -1,14 +1,12 @@
 """Sections of files that no sweep made: benchmarks, real scans, the attention of one trained network."""
 
-from experiments.display import (
-    attention,
-    benchmark_figures,
-    benchmark_tables,
-    measure_figures,
-    measure_tables,
-    parts_tables,
-    speed_tables,
-)
+from experiments.display.benchmarks import figures as benchmark_figures
+from experiments.display.benchmarks import speed_tables
+from experiments.display.benchmarks import tables as benchmark_tables
+from experiments.display.measurement import figures as measure_figures
+from experiments.display.measurement import parts_tables
+from experiments.display.measurement import tables as measure_tables
+from experiments.display.networks import attention
 from experiments.display.sections import Section, of
 
 TIMED = (

@@ -5,12 +5,12 @@ from pathlib import Path
 
 from cablejax.report import figure_style, png_bytes, scene_figure
 from experiments import ROOT
+from experiments.analysis.results import Results
 from experiments.display.drawing import Drawing
-from experiments.display.filtering_figures import scan_clouds, scan_views
+from experiments.display.filtering.figures import scan_clouds, scan_views
 from experiments.display.further_sections import FURTHER
 from experiments.display.sections import SECTIONS, Section
 from experiments.display.table import Table
-from experiments.results import Results
 
 RESULTS = ROOT / "results"
 DOTS_PER_INCH = 110  # of a page; the PNG holds more, for sharp screens and print

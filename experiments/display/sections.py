@@ -5,22 +5,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
-from experiments.display import (
-    filtering_figures,
-    filtering_tables,
-    network_figures,
-    network_tables,
-    optimizer_figures,
-    optimizer_tables,
-    rejection_tables,
-    short,
-    study_figures,
-    study_tables,
-    transfer,
-)
+from experiments.analysis.results import Results
 from experiments.display.drawing import Drawing
+from experiments.display.filtering import figures as filtering_figures
+from experiments.display.filtering import tables as filtering_tables
+from experiments.display.measurement import rejection_tables
+from experiments.display.networks import figures as network_figures
+from experiments.display.networks import tables as network_tables
+from experiments.display.optimizers import figures as optimizer_figures
+from experiments.display.optimizers import short, study_figures, study_tables, transfer
+from experiments.display.optimizers import tables as optimizer_tables
 from experiments.display.table import Table
-from experiments.results import Results
 
 Found = dict[str, Results]
 

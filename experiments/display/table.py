@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from html import escape
 
-from experiments.results import Results
+from experiments.analysis.results import Results
 
 SHORT = 30  # letters that a cell may have and still stand on one line
 

@@ -4,8 +4,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from experiments import app
-from experiments.schema import Config
+from experiments.harness import app
+from experiments.harness.schema import Config
 
 BEST_TRIAL = 1
 

@@ -11,9 +11,9 @@ from cablejax.nets.aedgeconv import AEdgeConv
 from cablejax.ops.edges import channel_attention, edge_products
 from cablejax.ops.feature_graph import feature_graph
 from cablejax.report import figure_style
+from experiments.analysis.results import Results
 from experiments.attention import layer_attention
-from experiments.display import attention
-from experiments.results import Results
+from experiments.display.networks import attention
 
 
 def test_channel_weights_are_those_of_equation_12():

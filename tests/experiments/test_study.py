@@ -6,14 +6,15 @@ from pathlib import Path
 import pytest
 
 from cablejax.io import read_json
-from experiments import rules, study, study_results
+from experiments import study, study_results
+from experiments.analysis import rules
+from experiments.analysis.results import Results
+from experiments.analysis.study_summary import summary, updates_to_target, verdict
 from experiments.collect import CollectError
-from experiments.display import study_figures, study_tables
-from experiments.results import Results
+from experiments.display.optimizers import study_figures, study_tables
 from experiments.study import CONFIRM, FINAL, PAPER_WAY, PARTS, SEARCH, Job, Records
-from experiments.study_summary import summary, updates_to_target, verdict
 from tests.experiments import made_up
-from tests.experiments.test_configuration import compose_config
+from tests.experiments.harness.test_configuration import compose_config
 
 PART = "standard_nofit"
 

@@ -14,8 +14,9 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from experiments import app, table1_filtering
-from experiments.schema import Config
+from experiments import table1_filtering
+from experiments.harness import app
+from experiments.harness.schema import Config
 
 JOBS, WARM, EVERY = 100, 20, 10
 MOST_GROWTH = 1.05

@@ -1,0 +1,109 @@
+"""Results files as tables and figures read them: rows chosen by cell, values averaged over seeds."""
+
+from pathlib import Path
+from typing import Any
+
+from cablejax.io import read_json
+from experiments.analysis.statistics import Estimate, estimate
+
+NAMES = {
+    "statistical": "Statistical",
+    "radius": "Radius",
+    "median": "Median",
+    "adaptive": "Adaptive (ours)",
+    "gaussian": "Gaussian",
+    "random": "Random",
+    "compound": "Compound",
+    "sgd": "SGD (full set)",
+    "mbgd": "Mini-batch SGD",
+    "adadelta": "Adadelta",
+    "adagrad": "Adagrad",
+    "rmsprop": "RMSProp",
+    "adam": "Adam",
+    "adamw": "AdamW",
+    "schedule_free": "Schedule-free AdamW",
+    "muon": "Muon",
+    "adadelta_paper": "Adadelta, the paper's way",
+    "adgcnn": "ADGCNN",
+    "alexnet": "AlexNet",
+    "vgg16": "VGG-16",
+    "resnet50": "ResNet50",
+}
+
+
+class Results:
+    """One results file.
+
+    Attributes:
+        raw: The file's content as `experiments.collect` wrote it.
+    """
+
+    def __init__(self, raw: dict[str, Any]) -> None:
+        self.raw = raw
+
+    @classmethod
+    def read(cls, folder: Path, experiment: str) -> "Results | None":
+        """Read `<folder>/<experiment>.json`, None where it was not made."""
+        path = folder / f"{experiment}.json"
+        return cls(read_json(path)) if path.is_file() else None
+
+    @property
+    def size(self) -> str:
+        return self.raw["size"]
+
+    @property
+    def seeds(self) -> list[int]:
+        return self.raw["seeds"]
+
+    def config(self, key: str) -> Any:
+        """A configuration value that all runs share, by its dotted key."""
+        return self.raw["config"][key]
+
+    def values(self, key: str) -> list[Any]:
+        """The values that a swept key takes, each once, in ascending order; one where it was not swept."""
+        found = {row["cell"][key] for row in self.raw["runs"] if key in row["cell"]}
+        return sorted(found) if found else [self.config(key)]
+
+    def config_of(self, key: str, **cell: Any) -> Any:
+        """A configuration value of one cell's runs, swept or not."""
+        for row in self.raw["runs"]:
+            if key in row["cell"] and self._matches(row, cell):
+                return row["cell"][key]
+        return self.config(key)
+
+    def _matches(self, row: dict[str, Any], cell: dict[str, Any]) -> bool:
+        fixed = self.raw["config"]
+        wanted = {key.replace("__", "."): value for key, value in cell.items()}
+        return all(row["cell"].get(key, fixed.get(key)) == value for key, value in wanted.items())
+
+    def rows(self, **cell: Any) -> list[dict[str, Any]]:
+        """Metrics of the runs of one cell; keys are written with `__` for the dot: `filter__name="radius"`."""
+        return [row["metrics"] for row in self.raw["runs"] if self._matches(row, cell)]
+
+    def mean(self, metric: str, **cell: Any) -> Estimate:
+        """A metric, dotted where nested, averaged over the seeds of a cell.
+
+        Raises:
+            KeyError: If no run is in that cell.
+        """
+        return estimate(self._numbers(metric, cell))
+
+    def least(self, metric: str, **cell: Any) -> float:
+        """The smallest over the seeds of a cell, which is what seconds are: other work on the machine only adds to them.
+
+        Raises:
+            KeyError: If no run is in that cell.
+        """
+        return min(self._numbers(metric, cell))
+
+    def _numbers(self, metric: str, cell: dict[str, Any]) -> list[float]:
+        rows = self.rows(**cell)
+        if not rows:
+            raise KeyError(f"{self.raw['experiment']}: no run with {cell}")
+        numbers = []
+        for row in rows:
+            value: Any = row
+            for part in metric.split("."):
+                value = value[part]
+            numbers.append(float(value))
+        return numbers

@@ -1,0 +1,1 @@
+"""Benchmarks: speed beside other libraries, scaling, denoising, files."""

@@ -1,0 +1,1 @@
+"""Filtering and the diameter of the filtered scan."""

@@ -1,0 +1,1 @@
+"""Networks: accuracy, ablation, robustness, and where their attention goes."""

@@ -1,0 +1,1 @@
+"""Optimizers: Figure 13, the tuned comparisons and the study."""

@@ -1,0 +1,1 @@
+"""What carries every experiment: the Hydra application, its schema, its runs and sweeps, and the revision that made them."""

@@ -1,0 +1,1 @@
+"""What experiments are made of: scans and their cleaning, clouds and the training on them, and the geometric baseline."""
