@@ -54,7 +54,7 @@ def run(cfg: Config, folder: Path) -> dict[str, Any]:
     """Measure one scan before and after filtering."""
     scan = make_scan(cfg.scan, cfg.noise, seed=cfg.seed)
     raw = np.asarray(scan.xyz_mm)
-    cleaned = make_cleaner(cfg.filter)(PointCloud.from_xyz(raw, capacity=len(raw)))
+    cleaned = make_cleaner(cfg.filter)(PointCloud.from_xyz(raw))
     filtered = np.asarray(cleaned.xyz)[np.asarray(cleaned.mask)]
     metrics: dict[str, Any] = {"true_diameter_mm": float(scan.true_diameter_mm)}
     for name, xyz in (("raw", raw), ("filtered", filtered)):

@@ -29,7 +29,7 @@ def run(cfg: Config, folder: Path) -> dict[str, Any]:
     scan = make_scan(cfg.scan, cfg.noise, seed=cfg.seed)
     cleaned, timing = timed(
         make_cleaner(cfg.filter),
-        PointCloud.from_xyz(scan.xyz_mm, capacity=len(scan.xyz_mm)),
+        PointCloud.from_xyz(scan.xyz_mm),
         repeats=cfg.timing_repeats,
     )
     keep = np.asarray(cleaned.mask)

@@ -19,7 +19,7 @@ def run(cfg: Config, folder: Path) -> dict[str, Any]:
     """Filter one scan; `before` and `after` are of the same points, those that outlier removal keeps."""
     scan = make_scan(cfg.scan, cfg.noise, seed=cfg.seed)
     raw = np.asarray(scan.xyz_mm)
-    cleaned, timing = timed(make_cleaner(cfg.filter), PointCloud.from_xyz(raw, capacity=len(raw)), repeats=1)
+    cleaned, timing = timed(make_cleaner(cfg.filter), PointCloud.from_xyz(raw), repeats=1)
     keep = np.asarray(cleaned.mask)
     before = Deviation.of(signed_distance_mm(scan, raw)[keep], tolerance_mm=cfg.tolerance_mm)
     signed = signed_distance_mm(scan, np.asarray(cleaned.xyz))[keep]

@@ -34,7 +34,9 @@ ALLOWED = {
     "batch": {"types", "io", "optional", "runtime"},
     "export": {"types", "io", "geometry", "measure", "report", "optional"},
     "tiles": {"types", "ops", "io", "batch"},
+    "app": {"io", "measure", "report", "export", "batch"},
     "cli": {
+        "app",
         "types",
         "ops",
         "registration",

@@ -15,7 +15,7 @@ from cablejax.ops.edges import (
 )
 from cablejax.ops.eigen import SymmetricEigen, symmetric_eigen
 from cablejax.ops.feature_graph import feature_graph
-from cablejax.ops.filter_width import Trial, choose_alpha, pilot_step, usual_noise, width_trial
+from cablejax.ops.filter_width import Trial, choose_alpha, pilot_places, usual_noise, width_trial
 from cablejax.ops.filters import FilterResult, adaptive_filter
 from cablejax.ops.graph import EdgeList, edge_list, knn_graph, radius_graph
 from cablejax.ops.moments import LocalMoments, local_moments, masked_covariance, masked_mean, masked_variance
@@ -36,7 +36,7 @@ from cablejax.ops.neighbors import (
 from cablejax.ops.normals import NormalResult, estimate_normals
 from cablejax.ops.orient import orient_normals
 from cablejax.ops.outliers import OutlierResult, median_outliers, radius_outliers, statistical_outliers
-from cablejax.ops.raster import cylinder_raster, raster_taps, sample_raster
+from cablejax.ops.raster import RasterTaps, cylinder_raster, raster_taps, sample_raster
 from cablejax.ops.rigid import invert, kabsch, se3_exp, se3_log, transform
 from cablejax.ops.sampling import Sample, ball_query, farthest_point_sampling
 from cablejax.ops.sharded import query_sharded
@@ -55,6 +55,7 @@ __all__ = [
     "OutlierResult",
     "RadiusCount",
     "RadiusResult",
+    "RasterTaps",
     "Sample",
     "SearchTree",
     "SymmetricEigen",
@@ -88,7 +89,7 @@ __all__ = [
     "neighbor_max",
     "neighbor_sum",
     "orient_normals",
-    "pilot_step",
+    "pilot_places",
     "principal_frame",
     "query",
     "query_count",

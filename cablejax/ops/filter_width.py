@@ -50,7 +50,7 @@ def width_trial(cloud: PointCloud, keep: Bool[Array, " n"], rows: Int[Array, " m
     """What the estimate of `alpha` rests on, for some rows of a cloud; `choose_alpha` makes one number of it.
 
     For clouds that come in parts: the trials of all parts side by side are the trial of the whole, if together they hold
-    every `pilot_step(n)`-th row.
+    the kept points whose places among all kept ones are `pilot_places`.
 
     Args:
         cloud: Points `[n, 3]` float32, any unit, with validity `[n]`.
@@ -78,9 +78,22 @@ def width_trial(cloud: PointCloud, keep: Bool[Array, " n"], rows: Int[Array, " m
     return try_widths(xyz, centre, neighbors, jnp.where(used, local, 0.0), order=order)
 
 
-def pilot_step(n: int) -> int:
-    """Every how many rows of a cloud a pilot point is taken."""
-    return max(1, n // PILOT)
+def pilot_places(count: Int[Array, ""] | int) -> Int[Array, " m"]:
+    """Which of the `count` points of a cloud, counted without its padding and outliers, are predicted.
+
+    Returns:
+        Places from 0 `[PILOT]`, evenly apart; -1 for those beyond the last where there are fewer points.
+    """
+    i, count = jnp.arange(PILOT), jnp.asarray(count)
+    even = i * (count // PILOT) + i * (count % PILOT) // PILOT  # i * count // PILOT, without overflow
+    return jnp.where(count >= PILOT, even, jnp.where(i < count, i, -1))
+
+
+def pilot_rows(valid: Bool[Array, " n"]) -> Int[Array, " m"]:
+    """Rows of the points that are predicted `[min(n, PILOT)]`, -1 for none: the same points however a cloud is padded."""
+    place = pilot_places(valid.sum())[: valid.shape[0]]
+    row = jnp.searchsorted(jnp.cumsum(valid), place + 1)
+    return jnp.where(place >= 0, row, -1)
 
 
 def try_widths(

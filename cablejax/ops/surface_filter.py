@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from cablejax.ops.filter_width import BAND, choose_alpha, pilot_step, try_widths, usual_noise
+from cablejax.ops.filter_width import BAND, choose_alpha, pilot_rows, try_widths, usual_noise
 from cablejax.ops.slots import Neighborhoods, farthest, gather, sum_over_slots
 from cablejax.ops.surface_fit import TINY, SurfaceFit, fit_frame, fit_heights, without_faint
 
@@ -76,9 +76,10 @@ def onto_surface(
 
 def surface_width(around: Neighborhoods, noise: Array, order: int) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """The estimate of `alpha` and of the usual noise, from some of the points; constants to gradients."""
-    step = pilot_step(noise.shape[0])
-    xyz, local = lax.stop_gradient((around.xyz, jnp.where(around.valid, noise, 0.0)[::step]))
-    trial = try_widths(xyz, xyz[:, ::step], around.neighbors[:, ::step], local, order=order)
+    rows = pilot_rows(around.valid)
+    at = jnp.maximum(rows, 0)
+    xyz, local = lax.stop_gradient((around.xyz, jnp.where(rows >= 0, noise[at], 0.0)))
+    trial = try_widths(xyz, xyz[:, at], jnp.where(rows >= 0, around.neighbors[:, at], -1), local, order=order)
     alpha = choose_alpha(trial)
     return alpha, usual_noise(trial, alpha)
 

@@ -1,7 +1,8 @@
 """Simulated cable scans with exact truth: nominal sizes, shapes, scanners, noise, and the dataset made from them."""
 
 from cablejax.simulate.accessories import Revolved, with_clamp, with_joint, with_stress_cone, with_termination
-from cablejax.simulate.clutter import Scene, bare, neighbours, support, tray, trefoil, wall
+from cablejax.simulate.centrelines import ArcChain, Catenary
+from cablejax.simulate.clutter import Box, Neighbour, Plane, Scene, bare, neighbours, support, tray, trefoil, wall
 from cablejax.simulate.dataset import DatasetConfig, Split, make_split, sample_clouds
 from cablejax.simulate.noise import add_noise, noise_mm
 from cablejax.simulate.nominal import Cable, catalogue, nominal_probabilities
@@ -22,12 +23,17 @@ __all__ = [
     "PRESETS",
     "SCENES",
     "SHAPES",
+    "ArcChain",
+    "Box",
     "Cable",
+    "Catenary",
     "DatasetConfig",
     "Finish",
+    "Neighbour",
     "Part",
     "PartSplit",
     "PartsConfig",
+    "Plane",
     "Profile",
     "ProfiledTube",
     "Revolved",

@@ -11,11 +11,11 @@ import numpy as np
 
 from cablejax.batch import Engine, Here, Task
 from cablejax.io import PointWriter, iter_points
-from cablejax.ops import Trial, choose_alpha, pilot_step, usual_noise
+from cablejax.ops import Trial, choose_alpha, pilot_places, usual_noise
 from cablejax.tiles.folder import Folder
 from cablejax.tiles.plan import add, cut, empty_grid
 from cablejax.tiles.survey import blocks, survey, typical_reach
-from cablejax.tiles.work import QUERIES, STRAYS
+from cablejax.tiles.work import PILOT_ROWS, QUERIES, STRAYS
 
 Progress = Callable[[str, int, int], None]
 HALO = 1.5  # halo per reach of a typical neighbourhood
@@ -244,13 +244,24 @@ class _Run:
             return 1.0, 0.0
         if known is not None and usual is not None:
             return known, usual
-        options = {"n": self.n, "step": pilot_step(self.n), "k": self.settings.k, "order": self.settings.order}
+        np.save(self.folder.path / PILOT_ROWS, self._pilot_rows())
+        options = {"n": self.n, "k": self.settings.k, "order": self.settings.order}
         parts = {i: self.folder.take(f"width {i}") for i, _ in self._each("width", "width", **options)}
         held = [parts[i] for i in sorted(parts) if parts[i]]  # in one order, whichever came first
         whole = Trial(*(jnp.concatenate([part[name] for part in held], axis=-1) for name in Trial._fields))
         alpha = choose_alpha(whole)
         usual = self.folder.finish("usual noise", float(usual_noise(whole, alpha)))
         return self.folder.finish("alpha", float(alpha)), usual
+
+    def _pilot_rows(self) -> np.ndarray:
+        """Rows of the kept points at which the whole cloud chooses its width."""
+        places = np.asarray(pilot_places(int(np.count_nonzero(self.keep))))
+        found, before = [], 0
+        for start in range(0, self.n, 1_000_000):
+            kept = start + np.nonzero(self.keep[start : start + 1_000_000])[0]
+            found.append(kept[places[(places >= before) & (places < before + len(kept))] - before])
+            before += len(kept)
+        return np.concatenate(found)
 
     def write(self, source: Path, target: Path, unit: str, columns: str | None, chunk: int) -> TiledResult:
         """Read the source again and write what is left of it."""

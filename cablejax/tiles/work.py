@@ -17,6 +17,7 @@ from cablejax.tiles.plan import Tile
 QUERIES = 1024  # strays searched at once
 PILOTS = 256  # pilot points of a tile at once
 STRAYS = "strays.npy"
+PILOT_ROWS = "pilots.npy"
 
 
 def score(*, folder: str, tile: int, box: list[Any], capacity: int, removal_k: int) -> list[int]:
@@ -40,11 +41,11 @@ def strays(*, folder: str, tile: int, capacity: int, removal_k: int) -> None:
     place.leave(f"strays {tile}", sq_dist=np.concatenate(found))
 
 
-def width(*, folder: str, tile: int, capacity: int, n: int, step: int, k: int, order: int) -> None:
-    """Trials of the filter's width at every `step`-th row of the cloud, where it is the tile's own."""
+def width(*, folder: str, tile: int, capacity: int, n: int, k: int, order: int) -> None:
+    """Trials of the filter's width at those pilot points of the cloud that are the tile's own."""
     place = Folder.existing(folder)
     points = place.tile(tile)
-    rows = np.nonzero(points.inner & (points.row % step == 0))[0]
+    rows = np.nonzero(points.inner & np.isin(points.row, np.load(place.path / PILOT_ROWS)))[0]
     cloud, keep = kernels.padded(points.xyz, capacity), _kept(place, points, n, capacity)
     parts = []
     for start in range(0, len(rows), PILOTS):

@@ -15,7 +15,7 @@ from cablejax.train.engine import Engine
 from cablejax.train.fitting import TrainResult
 from cablejax.train.history import EpochRecord, best_epoch
 from cablejax.train.metrics import Clouds
-from cablejax.train.update import Schedule, StepReport, TrainState, make_runner, rate_at
+from cablejax.train.update import Compiled, Schedule, StepReport, TrainState, make_runner, rate_at
 
 
 def fit_together(
@@ -108,7 +108,7 @@ def _stacked(trees: Sequence[TrainState]) -> TrainState:
 
 
 def _compiled(engine: Engine) -> Callable[..., tuple[TrainState, StepReport]]:
-    function = make_runner(engine.graphdef, engine.optimizer, engine.config, full_set=engine.full_set)
+    function = make_runner(engine.graphdef, engine.optimizer, Compiled.of(engine.config))
     return jax.jit(jax.vmap(function, in_axes=(0, None, 0, 0)), donate_argnums=0)
 
 

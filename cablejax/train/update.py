@@ -12,6 +12,7 @@ from jaxtyping import Array, Float, Int, Num
 from cablejax.train.config import MATMUL_PRECISION, TrainConfig
 from cablejax.train.losses import SCORE_WEIGHT, cloud_mean, cross_entropy, gaussian_nll, score_loss
 from cablejax.train.metrics import also_learnt
+from cablejax.train.optimizers import OPTIMIZERS
 from cablejax.train.transfer import frozen_updates
 
 
@@ -61,6 +62,34 @@ class Schedule(NamedTuple):
     total: Float[Array, ""]
 
 
+class Compiled(NamedTuple):
+    """What of a run's settings is compiled in; all else are arrays, which runs of one program may differ in.
+
+    Attributes:
+        schedule: Course of the learning rate.
+        label_smoothing: See `TrainConfig`, as the others.
+        ema_decay: As there.
+        frozen: As there.
+        precision: As there.
+        full_set: One update with the mean gradient over all the batches, instead of one a batch.
+    """
+
+    schedule: str
+    label_smoothing: float
+    ema_decay: float | None
+    frozen: tuple[str, ...]
+    precision: str
+    full_set: bool
+
+    @classmethod
+    def of(cls, config: TrainConfig) -> "Compiled":
+        """Those of a run."""
+        return cls(
+            config.schedule, config.label_smoothing, config.ema_decay, tuple(config.frozen), config.precision,
+            OPTIMIZERS[config.optimizer].full_set,
+        )  # fmt: skip
+
+
 Data = tuple[Array, ...]  # xyz, mask, label, and what `also_learnt` names
 Runner = Callable[[TrainState, Data, Int[Array, "s b"], Schedule], tuple[TrainState, StepReport]]
 
@@ -75,16 +104,13 @@ def rate_at(step: Int[Array, ""], schedule: Schedule, *, kind: str) -> Float[Arr
     return schedule.learning_rate * rise * 0.5 * (1.0 + jnp.cos(jnp.pi * progress))
 
 
-def make_runner(
-    graphdef: Any, optimizer: optax.GradientTransformation, config: TrainConfig, *, full_set: bool
-) -> Runner:
+def make_runner(graphdef: Any, optimizer: optax.GradientTransformation, config: Compiled) -> Runner:
     """The function that trains on the batches `rows [s, b]` of the data, to be jit-compiled with its state donated.
 
     Args:
         graphdef: The model in training mode, split by `nnx.split(model, nnx.Param, ...)`.
         optimizer: From `make_optimizer`.
         config: Settings.
-        full_set: One update with the mean gradient over all the batches, instead of one a batch.
     """
 
     def loss_of(
@@ -146,4 +172,4 @@ def make_runner(
         mean = jax.tree.map(lambda leaf: leaf / rows.shape[0], total)
         return update(state, mean, rest, schedule), report
 
-    return run_full_set if full_set else run
+    return run_full_set if config.full_set else run

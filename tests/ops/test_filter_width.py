@@ -5,8 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from cablejax.ops import Trial, choose_alpha, usual_noise
-from cablejax.ops.filter_width import LIFT, SHARES
+from cablejax.ops import Trial, adaptive_filter, choose_alpha, pilot_places, usual_noise
+from cablejax.ops.filter_width import LIFT, PILOT, SHARES, pilot_rows
+from cablejax.types import PointCloud
 
 M = 400
 
@@ -73,3 +74,38 @@ def test_usual_noise_is_a_tenth_percentile_at_the_width():
 def test_no_gradient_flows():
     plain = trial(valley(5.0))
     assert not np.asarray(jax.grad(lambda loss: choose_alpha(plain._replace(loss=loss)))(plain.loss)).any()
+
+
+@pytest.mark.parametrize("count", [0, 1, 100, PILOT - 1, PILOT, PILOT + 1, 53_135, 2_000_000_000])
+def test_places_are_even_and_within_the_points(count):
+    places = np.asarray(pilot_places(count)).astype(np.int64)
+    used = min(count, PILOT)
+    np.testing.assert_array_equal(places[:used], np.arange(used) * max(count, PILOT) // PILOT if count else [])
+    assert (places[used:] == -1).all()
+
+
+def test_rows_are_those_of_the_points_whatever_lies_between():
+    rng = np.random.default_rng(0)
+    valid = rng.random(3 * PILOT) < 0.6
+    rows = np.nonzero(valid)[0]
+    expected = rows[np.asarray(pilot_places(len(rows)))]
+    np.testing.assert_array_equal(pilot_rows(jnp.asarray(valid)), expected)
+    padded = np.concatenate([valid, np.zeros(500, bool)])
+    np.testing.assert_array_equal(pilot_rows(jnp.asarray(padded)), expected)
+    few = np.isin(np.arange(50), [3, 7])
+    np.testing.assert_array_equal(np.asarray(pilot_rows(jnp.asarray(few)))[:3], [3, 7, -1])
+
+
+def test_padding_and_rows_without_a_point_do_not_change_the_width():
+    """2,500 points in 2,500 rows and in 4,096, there spread among rows that are none."""
+    rng = np.random.default_rng(1)
+    angle, along = rng.uniform(0, np.pi, 2500), rng.uniform(0, 60, 2500)
+    radius = 10 + rng.normal(0, 0.2, 2500)
+    xyz = np.stack([along, radius * np.cos(angle), radius * np.sin(angle)], axis=1).astype(np.float32)
+    rows = np.sort(rng.choice(4096, 2500, replace=False))
+    spread, mask = np.zeros((4096, 3), np.float32), np.zeros(4096, bool)
+    spread[rows], mask[rows] = xyz, True
+    tight = adaptive_filter(PointCloud.from_xyz(xyz, capacity=2500), k=24, order=1)
+    loose = adaptive_filter(PointCloud(jnp.asarray(spread), jnp.asarray(mask)), k=24, order=1)
+    np.testing.assert_allclose(np.asarray(loose.xyz)[rows], tight.xyz, atol=1e-4)
+    np.testing.assert_allclose(np.asarray(loose.width)[rows], tight.width, rtol=1e-4)

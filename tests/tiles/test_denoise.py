@@ -31,11 +31,10 @@ def cloud(tmp_path_factory):
     path = tmp_path_factory.mktemp("tiles") / "scan.ply"
     write_points(path, xyz, color=rng.integers(0, 255, xyz.shape).astype(np.uint8), intensity=np.arange(len(xyz)))
     scan = read_points(path)
-    # Without padding: the points that choose the width are every so many of all rows.
-    whole = PointCloud.from_xyz(scan.xyz_mm - scan.shift_mm, capacity=len(scan.xyz_mm))
+    whole = PointCloud.from_xyz(scan.xyz_mm - scan.shift_mm)
     result = clean(whole, removal_k=SETTINGS.removal_k, k=SETTINGS.k, order=2)
-    keep = np.asarray(result.keep)
-    return path, np.asarray(result.xyz, dtype=np.float64)[keep] + scan.shift_mm, keep, scan
+    keep = np.asarray(result.keep)[: len(xyz)]  # without the padding
+    return path, np.asarray(result.xyz, dtype=np.float64)[: len(xyz)][keep] + scan.shift_mm, keep, scan
 
 
 def test_equals_the_whole_cloud_and_keeps_order_and_colours(cloud, tmp_path):
