@@ -13,11 +13,10 @@ from cablejax.jax_sums import WrongSumsError, check_sums
 from cablejax.optional import MissingPackageError
 from cablejax.runtime import set_up_jax
 
-EXIT_OK, EXIT_NO_RESULT, EXIT_USAGE = 0, 1, 2
+EXIT_OK, EXIT_NO_RESULT = 0, 1
 INTERRUPTED = 130
 
 UNITS = ("um", "mm", "cm", "dm", "m", "km", "in", "ft")
-VOLTAGES = ("3.6/6", "6/10", "8.7/15", "12/20", "18/30")
 
 EPILOG = """\
 exit codes: 0 a result, 1 no result (one line on stderr says why), 2 wrong usage
@@ -209,14 +208,15 @@ def _register(sub: argparse._SubParsersAction) -> None:
         "--max-distance",
         type=float,
         metavar="MM",
-        help="register once, from where the scans lie, with partners no further apart",
+        help="register once, from where the scans lie, with corresponding points no further apart",
     )
     parser.add_argument(
         "--voxels",
         type=float,
         nargs="+",
         metavar="MM",
-        help="from coarse to fine: 500 250 125, partners within 4 voxels (2 for more than two scans); two scans find their own",
+        help="from coarse to fine: 500 250 125, corresponding points within 4 voxels (2 for more than two scans); two scans "
+        "find their own",
     )
     parser.add_argument(
         "--start",

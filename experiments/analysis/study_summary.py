@@ -49,23 +49,23 @@ class Arm(NamedTuple):
 
 def final_rows(results: Results, arm: str) -> list[dict[str, Any]]:
     """An arm's final runs, by seed."""
-    rows = [row for row in results.raw["runs"] if row["stage"] == FINAL and row["arm"] == arm]
+    rows = [row for row in results.runs if row["stage"] == FINAL and row["arm"] == arm]
     return sorted(rows, key=lambda row: row["seed"])
 
 
 def arms(results: Results) -> list[str]:
     """The arms whose final stage is complete, in the study's order."""
-    return list(dict.fromkeys(row["arm"] for row in results.raw["runs"] if row["stage"] == FINAL))
+    return list(dict.fromkeys(row["arm"] for row in results.runs if row["stage"] == FINAL))
 
 
 def updates_to_target(results: Results, arm: str) -> list[float]:
     """Updates until validation first reached the target, by seed; infinite where it never did."""
-    each = 1 if arm == FULL_SET else results.raw["updates_per_epoch"]
+    each = 1 if arm == FULL_SET else results.updates_per_epoch
     return [each * _epochs(results, row) for row in final_rows(results, arm)]
 
 
 def _epochs(results: Results, row: dict[str, Any]) -> float:
-    return epochs_to_target([epoch["validation_overall"] for epoch in row["history"]], results.raw["target"])
+    return epochs_to_target([epoch["validation_overall"] for epoch in row["history"]], results.target)
 
 
 def _seconds(results: Results, row: dict[str, Any]) -> float:
@@ -107,7 +107,7 @@ def speed(results: Results) -> dict[str, Comparison]:
 
 
 def _log_updates(results: Results, arm: str) -> list[float]:
-    budget = results.raw["updates_per_epoch"] * results.config("training.epochs")
+    budget = results.updates_per_epoch * results.config("training.epochs")
     return [math.log2(min(value, 2 * budget)) for value in updates_to_target(results, arm)]
 
 
@@ -122,7 +122,7 @@ def verdict(results: Results) -> tuple[str, dict[str, Comparison]]:
 def best_of_trials(results: Results) -> dict[str, list[float]]:
     """Expected best validation accuracy of n search trials, n = 1, 2, ..., by arm."""
     found: dict[str, list[float]] = {}
-    for row in results.raw["runs"]:
+    for row in results.runs:
         if row["stage"] == SEARCH:
             found.setdefault(row["arm"], []).append(row["validation_overall"])
     return {arm: best_of(values).tolist() for arm, values in found.items()}
