@@ -12,7 +12,7 @@ import json
 import os
 import struct
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -92,8 +92,6 @@ def copc_chunks(path: str, size: int | None, low: np.ndarray, high: np.ndarray) 
     Raises:
         Damaged: If the hierarchy does not tell where the points are.
     """
-    import laspy
-
     with open(path, "rb") as file:
         reader, held = _las_reader(file)
         header, names = reader.header, set(reader.header.point_format.dimension_names)
@@ -316,11 +314,11 @@ def _e57_color(values: np.ndarray, header: Any) -> tuple[np.ndarray | None, list
     return values.astype(kind), []
 
 
-def main(kind: str, path: str, memory_bytes: int, size: int, box: list[float], out: BinaryIO) -> None:
+def main(kind: str, path: str, memory_bytes: int, size: int, out: BinaryIO, box: Sequence[float] = ()) -> None:
     """Send the pieces of a file, and an end that holds the error, if any. A size of 0 leaves it to the reader."""
     limit_memory(memory_bytes)
     error = None
-    corners = [np.array(box[:3]), np.array(box[3:])] if box else []
+    corners = (np.array(box[:3]), np.array(box[3:])) if box else ()
     try:
         for chunk in CHUNKS[kind](path, size or None, *corners):
             send(out, chunk)
@@ -379,4 +377,4 @@ def own_output() -> BinaryIO:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], sys.argv[2], int(sys.argv[3]), int(sys.argv[4]), [float(x) for x in sys.argv[5:]], own_output())
+    main(sys.argv[1], sys.argv[2], int(sys.argv[3]), int(sys.argv[4]), own_output(), [float(x) for x in sys.argv[5:]])

@@ -8,7 +8,7 @@ from tests.io.copc_files import write_copc
 from tests.reference.circles import bent_cable
 
 laspy = pytest.importorskip("laspy")
-XYZ = bent_cable(n=3000) + [400_000.0, 0.0, -30.0]
+XYZ = bent_cable(n=3000) + np.array([400_000.0, 0.0, -30.0])
 BOXES = {
     "all": ([-np.inf] * 3, [np.inf] * 3),
     "a half": ([400_100.0, -np.inf, -np.inf], [np.inf] * 3),

@@ -19,7 +19,9 @@ def cloud(tmp_path_factory):
     """A cable with strays far from the origin as COPC, and the same points in the same order as PLY."""
     folder = tmp_path_factory.mktemp("copc")
     rng = np.random.default_rng(1)
-    xyz = np.concatenate([bent_cable(n=3900), rng.uniform(-60, 60, (60, 3)) + [200, 0, 0]]) + [400_000, 5e6, 0]
+    xyz = np.concatenate([bent_cable(n=3900), rng.uniform([140, -60, -60], [260, 60, 60], (60, 3))]) + np.array(
+        [400_000, 5e6, 0]
+    )
     write_copc(folder / "a.copc.laz", xyz)
     with laspy.open(folder / "a.copc.laz") as file:
         points = file.read()
