@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from cablejax.geometry.robust import COVERAGE
 from cablejax.io import provenance, write_json
 
 PRESETS = ("line-laser", "paper-floor", "structured-light", "terrestrial", "ideal")
@@ -60,8 +61,8 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, float | int]:
     if not done:
         return out
     error, std = (np.array([row[name] for row in done]) for name in ("error_mm", "std_mm"))
-    n, share = len(done), float(np.mean(np.abs(error) < 1.96 * std))
-    middle, half = share + 1.92 / n, 1.96 * math.sqrt(share * (1 - share) / n + 0.96 / n**2)
+    n, share = len(done), float(np.mean(np.abs(error) < COVERAGE * std))
+    middle, half = share + 1.92 / n, COVERAGE * math.sqrt(share * (1 - share) / n + 0.96 / n**2)
     return out | {
         "coverage": share,
         "coverage_low": (middle - half) / (1 + 3.84 / n),

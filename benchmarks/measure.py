@@ -22,6 +22,7 @@ from pathlib import Path
 import jax
 import numpy as np
 
+from cablejax.geometry.robust import COVERAGE
 from cablejax.io import provenance, read_points, write_json
 from cablejax.measure import MeasureError, measure_cable
 from cablejax.measure.find.cylinder import frame
@@ -82,7 +83,7 @@ def summary(rows: list[dict]) -> dict[str, float | int]:
     out |= {"rmse_mm": float(np.sqrt(np.mean(error**2))), "bias_mm": float(error.mean())}
     if "std_mm" in done[0]:
         std = np.array([row["std_mm"] for row in done])
-        out["coverage"] = float(np.mean(np.abs(error) < 1.96 * std))
+        out["coverage"] = float(np.mean(np.abs(error) < COVERAGE * std))
         out["mean_std_mm"] = float(std.mean())
         out["nominal_right"] = float(np.mean([row["nominal_right"] for row in done]))
     return out

@@ -16,6 +16,7 @@ import numpy as np
 from flax import nnx
 
 from cablejax.cli.checkpoint import read_run, restored
+from cablejax.geometry.robust import COVERAGE
 from cablejax.io import provenance, write_json
 from cablejax.measure import MeasureError, measure_cable
 from cablejax.nets import PartNetwork, label_parts
@@ -72,7 +73,7 @@ def summary(rows: list[dict[str, Any]], way: str) -> dict[str, float | int | Non
     out: dict[str, float | int | None] = {"scans": len(rows), "refused": len(rows) - len(done)}
     error = np.array([abs(one["error_mm"]) for one in done])
     out["right"] = int(sum(abs(one["relative"]) < RIGHT for one in done))
-    out["holds"] = int(sum(abs(one["error_mm"]) < 1.96 * one["std_mm"] for one in done))
+    out["holds"] = int(sum(abs(one["error_mm"]) < COVERAGE * one["std_mm"] for one in done))
     out["median_mm"] = float(np.median(error)) if len(error) else None
     return out
 

@@ -6,9 +6,9 @@ import warnings
 from collections.abc import Sequence
 
 from cablejax import __version__
-from cablejax.cli import exports, folder, gage, schema
+from cablejax.cli import app, exports, folder, gage, schema
 from cablejax.cli.errors import NoResultError
-from cablejax.cli.streams import put_out, settle_streams, tell
+from cablejax.cli.streams import put_out, settle_streams, tell, warn_plainly
 from cablejax.jax_sums import WrongSumsError, check_sums
 from cablejax.optional import MissingPackageError
 from cablejax.runtime import set_up_jax
@@ -103,6 +103,11 @@ def _classify(sub: argparse._SubParsersAction) -> None:
     )
     network.add_argument("--checkpoint", metavar="FOLDER", help="of a run of experiments.train, whose network to take")
     parser.add_argument("--seed", type=int, default=0, help="of the samples that the network sees (default: 0)")
+
+
+def _app(sub: argparse._SubParsersAction) -> None:
+    parser = sub.add_parser("app", help="a page of this machine: drop scans, see them, measure, hand on the report")
+    app.add_arguments(parser, UNITS)
 
 
 def _completion(sub: argparse._SubParsersAction) -> None:
@@ -253,6 +258,7 @@ COMMANDS = {
     "gage": _gage,
     "classify": _classify,
     "simulate": _simulate,
+    "app": _app,
     "schema": _schema,
     "completion": _completion,
 }
@@ -276,10 +282,6 @@ def build_parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _warn_plainly(message, category, filename, lineno, file=None, line=None) -> None:
-    tell(f"cablejax: warning: {message}")
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code: 0 a result, 1 no result, 2 wrong usage.
 
@@ -291,7 +293,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except SystemExit as usage:  # after --help or --version, too, the disk may be full
         raise SystemExit(usage.code if usage.code or put_out() else EXIT_NO_RESULT) from None
     with warnings.catch_warnings():
-        warnings.showwarning = _warn_plainly
+        warnings.showwarning = warn_plainly
         try:
             if options.command not in ("completion", "schema"):
                 set_up_jax()

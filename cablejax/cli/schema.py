@@ -10,7 +10,7 @@ FOLDER = Path(__file__).parent / "schemas"
 # the schemas allow no others.
 VERSIONS = {
     "measure": 1, "measure-all": 1, "info": 1,
-    "denoise": 1, "register": 1, "register-stations": 1, "classify": 1, "simulate": 1, "gage": 1,
+    "denoise": 1, "register": 1, "register-stations": 1, "classify": 1, "simulate": 1, "gage": 1, "app": 1,
     "folder": 1, "schema": 1, "completion": 1,
 }  # fmt: skip
 

@@ -15,6 +15,7 @@ from cablejax.measure.settings import MeasureSettings, SearchLimits
 from cablejax.measure.shape.free_section import FreeSection
 from cablejax.measure.shape.irregularities import Irregularity, irregularities
 from cablejax.measure.shape.sections import Sections
+from cablejax.measure.shape.stretches import Stretch
 
 __all__ = [
     "BudgetLine",
@@ -28,6 +29,7 @@ __all__ = [
     "NotMeasured",
     "SearchLimits",
     "Sections",
+    "Stretch",
     "bend_conformity",
     "conformity",
     "irregularities",

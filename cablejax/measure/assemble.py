@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cablejax.geometry.robust import COVERAGE, robust_std
 from cablejax.measure.accept import PER_SECTION
 from cablejax.measure.find.cables import Find
 from cablejax.measure.fit.axis import Axis, trimmed
@@ -23,7 +24,6 @@ from cablejax.measure.messages import (
 )
 from cablejax.measure.nominal import nominal_probabilities, verdict
 from cablejax.measure.result import BudgetLine, CableMeasurement
-from cablejax.measure.robust import COVERAGE, robust_std
 from cablejax.measure.scan import Scan
 from cablejax.measure.settings import MeasureSettings
 from cablejax.measure.shape.bend import Bend, tightest_bend

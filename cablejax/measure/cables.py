@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int, Num
 
+from cablejax.geometry.principal import facing_up, principal_axes
 from cablejax.measure.accept import accepted
 from cablejax.measure.assemble import assembled
 from cablejax.measure.errors import MeasureError, NoCableError
@@ -217,6 +218,6 @@ def _numbered(found: list[_Measured], limits: SearchLimits) -> list[_Measured]:
         point = np.array(limits.near_mm)
         order = [np.linalg.norm(one.axis.xyz - point, axis=1).min() for one in found]
     else:
-        direction = np.linalg.svd(middle - middle.mean(axis=0), full_matrices=False)[2][0]
-        order = (middle - middle.mean(axis=0)) @ direction * np.sign(direction[np.argmax(np.abs(direction))])
+        center, axes, _ = principal_axes(middle)
+        order = (middle - center) @ facing_up(axes[0])
     return [found[row] for row in np.argsort(order, kind="stable")]

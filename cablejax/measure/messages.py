@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from cablejax.geometry.principal import principal_axes
 from cablejax.measure.errors import MeasureError, NoCableError
 from cablejax.measure.find.cables import Find, share
 from cablejax.measure.shape.stretches import ONE
@@ -32,7 +33,7 @@ def check_cloud(xyz: Float[np.ndarray, "n 3"], given: int) -> None:
     extent = np.ptp(xyz, axis=0)
     if extent.max() == 0:
         raise MeasureError(f"All {len(xyz)} points are equal: there is no surface to measure.")
-    spread = np.linalg.svd(xyz - xyz.mean(axis=0), compute_uv=False)
+    spread = principal_axes(xyz).std
     if spread[1] < 1e-9 * spread[0]:
         raise MeasureError("All points lie on one line: there is no surface to measure.")
 

@@ -12,7 +12,7 @@ from cablejax.nets.labelling import PartLabels, label_parts
 from cablejax.nets.models import MODELS, build_model, count_parameters
 from cablejax.nets.norm import BatchNorm
 from cablejax.nets.parts import PartNetwork
-from cablejax.nets.pose import pose_clouds
+from cablejax.nets.pose import PosedClouds, pose_clouds
 from cablejax.nets.pretrained import Pretrained, WeightsError, load_pretrained, pretrained_names
 
 __all__ = [
@@ -32,6 +32,7 @@ __all__ = [
     "PartNetwork",
     "PointNet",
     "PointNet2",
+    "PosedClouds",
     "Pretrained",
     "ResNet50",
     "SizeEstimate",

@@ -6,13 +6,13 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Num
 
+from cablejax.geometry.normals import nearest, plain_tree, surface_normals
+from cablejax.geometry.voxels import voxel_means
 from cablejax.registration.coarse import coarse_start
 from cablejax.registration.icp import check_points, host_points
-from cablejax.registration.normals import nearest, plain_tree, surface_normals
 from cablejax.registration.pyramid import register
 from cablejax.registration.result import RegistrationResult
 from cablejax.registration.step import Kernel, Method
-from cablejax.registration.voxels import voxel_means
 
 COARSE, FINE = 1_500, 24_000  # voxels that hold points at the coarsest and, at most, at the finest level
 REACH = 1.5  # finest voxels within which a point lies on the other scan

@@ -6,10 +6,10 @@ import numpy as np
 from jaxtyping import Float, Int, Num
 from scipy.spatial import KDTree
 
+from cablejax.geometry.normals import nearest, plain_tree, surface_normals
+from cablejax.geometry.voxels import voxel_means
 from cablejax.registration.features import point_features
-from cablejax.registration.normals import nearest, plain_tree, surface_normals
 from cablejax.registration.partners import Oriented
-from cablejax.registration.voxels import voxel_means
 
 TRIPLES = 200_000
 EVEN = 0.9  # least ratio of the lengths of a triple's sides in both clouds

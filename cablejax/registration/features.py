@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
-from cablejax.registration.normals import nearest
+from cablejax.geometry.normals import nearest
 from cablejax.registration.partners import Oriented
 
 BINS = 11

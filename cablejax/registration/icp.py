@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Float, Num
 from scipy.spatial import KDTree
 
+from cablejax.geometry.normals import plain_tree, surface_normals
 from cablejax.registration.loop import Limits, State, doubtful, steps
-from cablejax.registration.normals import plain_tree, surface_normals
 from cablejax.registration.partners import Oriented, Partners, spacing_of
 from cablejax.registration.result import RegistrationResult
 from cablejax.registration.step import KERNELS, METHODS, Kernel, Method, Step

@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial import KDTree
 
+from cablejax.geometry.normals import nearest
 from cablejax.registration.loop import Carried
-from cablejax.registration.normals import nearest
 
 CARRIED = 4  # nearest target points that each source point carries along
 FURTHER = 1.25  # reaches within which the tree looks: what lies beyond is not soon a partner

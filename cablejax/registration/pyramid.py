@@ -6,9 +6,9 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 from jaxtyping import Float, Num
 
+from cablejax.geometry.normals import plain_tree
 from cablejax.registration.coarse import coarse_start
 from cablejax.registration.icp import LEAST_SHARE, Options, between, check_options, check_points, host_points, nothing
-from cablejax.registration.normals import plain_tree
 from cablejax.registration.partners import Oriented
 from cablejax.registration.result import RegistrationResult
 from cablejax.registration.step import Kernel, Method

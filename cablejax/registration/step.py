@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from cablejax.geometry.robust import MAD_STD
 from cablejax.ops.neighbors.kth import kth_smallest
 from cablejax.ops.rigid import se3_exp, skew
 
@@ -89,7 +90,7 @@ def robust_weight(sq: Float[Array, " n"], valid: Bool[Array, " n"], kernel: Kern
     """Weights of iteratively reweighted least squares, with the scale from the median of the residuals themselves."""
     if kernel == "none":
         return jnp.ones_like(sq)
-    scale_sq = 1.4826**2 * jnp.maximum(_median(sq, valid), 1e-20)
+    scale_sq = MAD_STD**2 * jnp.maximum(_median(sq, valid), 1e-20)
     ratio = sq / scale_sq
     if kernel == "huber":  # 1.345 sigma
         return jnp.where(ratio < 1.345**2, 1.0, 1.345 / jnp.sqrt(jnp.maximum(ratio, 1.0)))

@@ -2,7 +2,8 @@
 
 from cablejax.simulate.accessories import Revolved, with_clamp, with_joint, with_stress_cone, with_termination
 from cablejax.simulate.catalogue import Cable, catalogue, nominal_probabilities
-from cablejax.simulate.clutter import Scene, bare, neighbours, support, tray, trefoil, wall
+from cablejax.simulate.centrelines import ArcChain, Catenary
+from cablejax.simulate.clutter import Box, Neighbour, Plane, Scene, bare, neighbours, support, tray, trefoil, wall
 from cablejax.simulate.dataset import DatasetConfig, Split, make_split, sample_clouds
 from cablejax.simulate.finish import FINISHES, Finish, finish, sheath_finish
 from cablejax.simulate.noise import add_noise, noise_mm
@@ -22,12 +23,17 @@ __all__ = [
     "PRESETS",
     "SCENES",
     "SHAPES",
+    "ArcChain",
+    "Box",
     "Cable",
+    "Catenary",
     "DatasetConfig",
     "Finish",
+    "Neighbour",
     "Part",
     "PartSplit",
     "PartsConfig",
+    "Plane",
     "Profile",
     "ProfiledTube",
     "Revolved",

@@ -7,6 +7,7 @@ from cablejax.train.loop import TrainResult, fit
 from cablejax.train.losses import cross_entropy
 from cablejax.train.metrics import (
     Clouds,
+    DiameterMetrics,
     Metrics,
     class_average_accuracy,
     confusion_matrix,
@@ -21,6 +22,7 @@ from cablejax.train.transfer import Transferred, initialise_from
 __all__ = [
     "OPTIMIZERS",
     "Clouds",
+    "DiameterMetrics",
     "EpochRecord",
     "Metrics",
     "TrainConfig",

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from cablejax.measure.robust import robust_std
+from cablejax.geometry.robust import robust_std
 
 
 class Cylinder(NamedTuple):

@@ -12,9 +12,9 @@ from jaxtyping import Bool, Float, Int
 from scipy.interpolate import BSpline
 from scipy.sparse import csr_array, hstack
 
+from cablejax.geometry.robust import robust_std
 from cablejax.measure.errors import NoCableError
 from cablejax.measure.fit.axis import Axis, Place, locate, sampled, trimmed
-from cablejax.measure.robust import robust_std
 
 TUKEY = 4.685  # standard deviations; 95 % efficient where the noise is Gaussian
 SECTOR_DEG = 15.0

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cablejax.geometry.principal import principal_axes
 from cablejax.measure.errors import MeasureError, NoCableError
 from cablejax.measure.find.planes import Plane
 from cablejax.measure.find.track import Walk
@@ -47,8 +48,8 @@ def coarse_start(xyz: np.ndarray, way: Walk, planes: list[Plane]) -> Start:
 
 def _line(way: Walk) -> Axis | None:
     """The straight line along a walk, a diameter longer at either end; None where the walk leaves it by half a radius."""
-    middle = way.axis.mean(axis=0)
-    direction = np.linalg.svd(way.axis - middle, full_matrices=False)[2][0]
+    middle, axes, _ = principal_axes(way.axis)
+    direction = axes[0]
     along = (way.axis - middle) @ direction
     aside = np.linalg.norm(way.axis - middle - along[:, None] * direction, axis=1)
     if aside.max() > 0.5 * way.radius_mm:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from cablejax.measure.robust import COVERAGE, robust_std
+from cablejax.geometry.robust import COVERAGE, robust_std
 from cablejax.measure.shape.profile import Profile
 
 LEAST_SHARE = 0.004  # of the diameter: less is no step of a cable, and sections of real scans wander by as much

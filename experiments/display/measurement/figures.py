@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from cablejax.geometry.robust import COVERAGE
 from cablejax.report import COLORS
 from experiments import ROOT
 from experiments.analysis.results import Results
@@ -48,7 +49,7 @@ def calibration(results: Results) -> Drawing:
         error = np.maximum(np.abs([scan["error_mm"] for scan in ours]), FINEST_MM)
         ax.plot(claimed, error, MARKERS[i % len(MARKERS)], ms=5, ls="none", color=COLORS[i], label=preset, alpha=0.8)
     ends = np.array([0.7 * min(s["std_mm"] for s in scans), 1.4 * max(s["std_mm"] for s in scans)])
-    ax.plot(ends, 1.96 * ends, color="0.2", lw=1, ls="--", label="end of the 95 % interval")
+    ax.plot(ends, COVERAGE * ends, color="0.2", lw=1, ls="--", label="end of the 95 % interval")
     ax.set_xscale("log")
     ax.set_yscale("log")
     ax.set_xlabel("standard deviation claimed (mm)")

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from cablejax.geometry.robust import COVERAGE
 from experiments.analysis.results import Results
 from experiments.display.table import Table
 
@@ -68,7 +69,7 @@ def known_scanner(found: dict[str, Results]) -> Table | None:
     for preset in dict.fromkeys(one["preset"] for one, _ in both if one["preset"] != "ideal"):
         mine = [pair for pair in both if pair[0]["preset"] == preset]
         error, std = (np.array([[one[name] for one in pair] for pair in mine]) for name in ("error_mm", "std_mm"))
-        holds = np.mean(np.abs(error) < 1.96 * std, axis=0)
+        holds = np.mean(np.abs(error) < COVERAGE * std, axis=0)
         rows.append(
             [
                 preset,

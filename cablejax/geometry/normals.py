@@ -19,7 +19,7 @@ def surface_normals(
         >>> bool(np.allclose(np.abs(surface_normals(flat, k=8)), [0, 0, 1]))
         True
     """
-    return least_direction(spread_of(xyz, plain_tree(xyz) if tree is None else tree, k=k))
+    return least_direction(covariances_nearest(xyz, plain_tree(xyz) if tree is None else tree, k=k))
 
 
 def plain_tree(xyz: Float[np.ndarray, "n 3"]) -> KDTree:
@@ -36,15 +36,13 @@ def nearest(
     return np.asarray(distance).reshape(-1, k), np.asarray(near).reshape(-1, k)
 
 
-def spread_of(
-    xyz: Float[np.ndarray, "n 3"], tree: KDTree, *, k: int, at: Float[np.ndarray, "m 3"] | None = None
+def covariances(
+    xyz: Float[np.ndarray, "n 3"], near: Int[np.ndarray, "m k"], *, at: Float[np.ndarray, "m 3"]
 ) -> Float[np.ndarray, "m 6"]:
-    """Covariance of the `k` points nearest to each point, or to each of `at`: its entries xx, yy, zz, xy, xz, yz `[m, 6]`."""
-    at = xyz if at is None else at
-    _, near = nearest(tree, at, k=min(k, len(xyz)))
+    """Covariance of the `k` points in each row of `near`, taken about a place `at` near them: xx, yy, zz, xy, xz, yz."""
     columns = [np.ascontiguousarray(column) for column in xyz.T]
-    out = np.empty((len(at), 6))
-    for first in range(0, len(at), BLOCK):
+    out = np.empty((len(near), 6))
+    for first in range(0, len(near), BLOCK):
         part = slice(first, first + BLOCK)
         rows = near[part].T  # sums over the neighbours are then sums of long rows
         around = [column.take(rows) - place for column, place in zip(columns, at[part].T, strict=True)]
@@ -54,10 +52,18 @@ def spread_of(
     return out
 
 
-def spread_within(
+def covariances_nearest(
+    xyz: Float[np.ndarray, "n 3"], tree: KDTree, *, k: int, at: Float[np.ndarray, "m 3"] | None = None
+) -> Float[np.ndarray, "m 6"]:
+    """Covariance of the `k` points nearest to each point, or to each of `at`, as in `covariances`."""
+    at = xyz if at is None else at
+    return covariances(xyz, nearest(tree, at, k=min(k, len(xyz)))[1], at=at)
+
+
+def covariances_within(
     xyz: Float[np.ndarray, "n 3"], tree: KDTree, *, radius: float, least: int, k: int
 ) -> Float[np.ndarray, "n 6"]:
-    """Covariance of the points within `radius` of each point, as in `spread_of`; of the `k` nearest where that holds fewer
+    """Covariance of the points within `radius` of each point, as in `covariances`; of the `k` nearest where that holds fewer
     than `least`.
 
     All pairs at once come out of the tree up to three times as fast as neighbours point by point, most so on dense surfaces.
@@ -72,7 +78,7 @@ def spread_within(
     out = mean[:, 3:] - np.stack(_products(*mean[:, :3].T), axis=1)
     lonely = count < least
     if lonely.any():
-        out[lonely] = spread_of(xyz, tree, k=k, at=xyz[lonely])
+        out[lonely] = covariances_nearest(xyz, tree, k=k, at=xyz[lonely])
     return out
 
 
@@ -81,15 +87,15 @@ def _products(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> list[np.ndarray]:
     return [x * x, y * y, z * z, x * y, x * z, y * z]
 
 
-def least_direction(spread: Float[np.ndarray, "n 6"]) -> Float[np.ndarray, "n 3"]:
+def least_direction(covariance: Float[np.ndarray, "n 6"]) -> Float[np.ndarray, "n 3"]:
     """Eigenvectors `[n, 3]` of the smallest eigenvalues of symmetric matrices, given by xx, yy, zz, xy, xz, yz.
 
     The smallest root of the cubic in closed form (Smith 1961), then the longest cross product of two rows of C - root I.
     Where the two smallest eigenvalues are nearly equal that product vanishes, and LAPACK is asked.
     """
-    third = spread[:, :3].mean(axis=1)
-    a, b, c = spread[:, :3].T - third
-    d, e, f = spread[:, 3:].T
+    third = covariance[:, :3].mean(axis=1)
+    a, b, c = covariance[:, :3].T - third
+    d, e, f = covariance[:, 3:].T
     size = np.sqrt((a * a + b * b + c * c + 2 * (d * d + e * e + f * f)) / 6)
     safe = np.where(size > 0, size, 1.0)
     a, b, c, d, e, f = (entry / safe for entry in (a, b, c, d, e, f))
@@ -104,12 +110,21 @@ def least_direction(spread: Float[np.ndarray, "n 6"]) -> Float[np.ndarray, "n 3"
         ]
     )
     length = np.einsum("pin,pin->pn", products, products)
-    best, columns = np.argmax(length, axis=0), np.arange(len(spread))
+    best, columns = np.argmax(length, axis=0), np.arange(len(covariance))
     longest = length[best, columns]
     out = products[best, :, columns] / np.sqrt(np.where(longest > 0, longest, 1.0))[:, None]
     unsure = np.flatnonzero(longest < LINE)
     if len(unsure):
-        xx, yy, zz, xy, xz, yz = spread[unsure].T
-        full = np.stack([np.stack([xx, xy, xz]), np.stack([xy, yy, yz]), np.stack([xz, yz, zz])])
-        out[unsure] = np.linalg.eigh(full.transpose(2, 0, 1))[1][:, :, 0]
+        out[unsure] = fitted_planes(covariance[unsure])[0]
     return out
+
+
+def fitted_planes(covariance: Float[np.ndarray, "n 6"]) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, " n"]]:
+    """Normals `[n, 3]` of the planes through neighbourhoods of given covariance, and the standard deviation from them `[n]`.
+
+    By LAPACK, with which small deviations keep their digits.
+    """
+    xx, yy, zz, xy, xz, yz = covariance.T
+    full = np.stack([np.stack([xx, xy, xz]), np.stack([xy, yy, yz]), np.stack([xz, yz, zz])])
+    values, vectors = np.linalg.eigh(full.transpose(2, 0, 1))
+    return vectors[:, :, 0], np.sqrt(np.maximum(values[:, 0], 0.0))
