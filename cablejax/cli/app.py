@@ -78,9 +78,10 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
 
 def _offered() -> dict[str, Any]:
     """What the page lets one choose among."""
-    from cablejax.cli.main import UNITS, VOLTAGES
+    from cablejax.cli.main import UNITS
+    from cablejax.simulate.nominal import XLPE_MM
 
-    return {"units": list(UNITS), "voltages": list(VOLTAGES), "version": __version__}
+    return {"units": list(UNITS), "voltages": list(XLPE_MM), "version": __version__}
 
 
 def _tell_where(options: argparse.Namespace, url: str) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cablejax.cli import known, standards
+from cablejax.cli import measure_settings, standards
 from cablejax.cli.errors import NoResultError
 from cablejax.cli.scans import load
 from cablejax.cli.streams import warnings_told
@@ -63,7 +63,10 @@ class _Work:
     @functools.cached_property
     def known(self) -> Found:
         """What is given to a measurement beside the points."""
-        return {"catalogue": known.sizes(self.options.catalogue), "settings": known.settings(self.options)}
+        return {
+            "catalogue": measure_settings.sizes(self.options.catalogue),
+            "settings": measure_settings.settings(self.options),
+        }
 
     @functools.cached_property
     def scan(self) -> "PointFile":
