@@ -24,7 +24,7 @@ def curves(results: Results) -> Drawing | None:
     names = list(dict.fromkeys([*trials, *there]))
     for style, arm in zip(_styles(len(names)), names, strict=True):
         if arm in there:
-            runs = [[epoch["validation_overall"] for epoch in row["history"]] for row in final_rows(results, arm)]
+            runs = [row["history"]["validation_overall"] for row in final_rows(results, arm)]
             left.plot(*_middle(runs), **style)
         if arm in trials:
             right.plot(np.arange(1, len(trials[arm]) + 1), trials[arm], label=NAMES[arm], **style)
