@@ -9,8 +9,10 @@ in full (`cablejax.ops.knn`), becomes a link, so that pages stay plain Markdown.
 import importlib
 import inspect
 import pkgutil
+import re
 from collections.abc import Iterator, Mapping
 from functools import cache
+from pathlib import Path
 from types import GenericAlias
 from typing import Any
 
@@ -22,6 +24,7 @@ from sphinx.transforms.post_transforms import SphinxPostTransform
 from sphinx.util import logging
 
 PACKAGE = "cablejax"
+ARRAY = re.compile(r"\b(?:jaxlib\._jax|jax|numpy)\.(Array|ndarray)\b")
 logger = logging.getLogger(__name__)
 
 
@@ -101,7 +104,8 @@ def short_names() -> dict[str, str]:
     bare: dict[str, set[str]] = {}
     for name, page in full.items():
         bare.setdefault(name.rpartition(".")[2], set()).add(page)
-    return full | {name: min(pages) for name, pages in bare.items() if len(pages) == 1}
+    single = {name: min(pages) for name, pages in bare.items() if len(pages) == 1}
+    return {name: name for name in packages() if name != PACKAGE} | full | single
 
 
 class LinkInlineCode(SphinxPostTransform):
@@ -164,10 +168,28 @@ def describe_constants(_: Sphinx, __: str, name: str, item: Any, ___: Any, lines
         lines[:] = [f"``{item}``"]
 
 
+def shorten_arrays(
+    _: Sphinx, __: str, ___: str, ____: Any, _____: Any, signature: str | None, returned: str | None
+) -> tuple[str | None, str | None]:
+    """Write `Float[Array, 'n 3']` as the source does, without the modules of the array types."""
+    short = [None if each is None else ARRAY.sub(r"\1", each) for each in (signature, returned)]
+    return short[0], short[1]
+
+
+def remove_stale(app: Sphinx) -> None:
+    """Remove pages of names that are public no more, which autosummary leaves behind."""
+    wanted = {*packages(), *(home(package, name) for package, name in _flat())}
+    for path in (Path(app.srcdir) / "reference").glob(f"{PACKAGE}*.rst"):
+        if path.stem not in wanted:
+            path.unlink()
+
+
 def setup(app: Sphinx) -> dict[str, Any]:
+    app.connect("builder-inited", remove_stale, priority=100)  # autosummary writes its pages at 500
     app.add_post_transform(LinkInlineCode)
     app.connect("missing-reference", public_reference)
     app.connect("env-check-consistency", check_public_names)
     app.connect("autodoc-skip-member", skip_fields)
+    app.connect("autodoc-process-signature", shorten_arrays)
     app.connect("autodoc-process-docstring", describe_constants)
     return {"version": "1", "parallel_read_safe": True, "parallel_write_safe": True}
