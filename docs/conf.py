@@ -13,7 +13,7 @@ sys.path[:0] = [str(HERE / "_ext"), str(ROOT)]
 os.environ["PYTHONPATH"] = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
 os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
 
-from public import functions, kinds  # noqa: E402
+from names import functions, kinds  # noqa: E402
 from sphinx.ext import autosummary  # noqa: E402
 
 project = "cablejax"
