@@ -107,9 +107,11 @@ pretrain: $(VENV)/.run-stamp ## Train on ModelNet10 ($CABLEJAX_DATA), for fig13_
 	@$(BIN)/python -m experiments.pretrain size=$(SIZE)
 	@$(BIN)/python -m experiments.collect $@ --size $(SIZE)
 
-# The study of optimizers, hours in the background; docs/study.md. PART="standard_nofit standard_fit" for some of it, DRY=1 to see the cost.
-study: $(VENV)/.run-stamp ## Run what is missing of the study of optimizers (docs/study.md); PART=..., DRY=1 lists its cost
-	@code=0; $(BIN)/python -m experiments.study $(if $(PART),--part $(PART)) $(if $(DRY),--dry) || code=$$?; \
+# The study, an hour or two a day in the background; docs/study.md. PART="standard_nofit ablation" for some of it, MINUTES=110 to
+# begin no run after, CORE=1 to pin it, DRY=1 to see the cost.
+study: $(VENV)/.run-stamp ## Run what is missing of the study (docs/study.md); PART=..., MINUTES=110, DRY=1 lists its cost
+	@code=0; $(BIN)/python -m experiments.study $(if $(PART),--part $(PART)) $(if $(MINUTES),--minutes $(MINUTES)) \
+		$(if $(CORE),--core $(CORE)) $(if $(DRY),--dry) || code=$$?; \
 	$(if $(DRY),,[ $$code = 130 ] || $(BIN)/python -m experiments.study_results $(if $(PART),--part $(PART)) || true;) exit $$code
 
 attention: $(VENV)/.run-stamp ## Channel attention of a trained network: RUN=folder of a finished run of fig8_adgcnn

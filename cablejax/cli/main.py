@@ -6,18 +6,17 @@ import warnings
 from collections.abc import Sequence
 
 from cablejax import __version__
-from cablejax.cli import exports, folder, gage, schema
+from cablejax.cli import app, exports, folder, gage, schema
 from cablejax.cli.errors import NoResultError
-from cablejax.cli.streams import put_out, settle_streams, tell
+from cablejax.cli.streams import put_out, settle_streams, tell, warn_plainly
 from cablejax.jax_sums import WrongSumsError, check_sums
 from cablejax.optional import MissingPackageError
 from cablejax.runtime import set_up_jax
 
-EXIT_OK, EXIT_NO_RESULT, EXIT_USAGE = 0, 1, 2
+EXIT_OK, EXIT_NO_RESULT = 0, 1
 INTERRUPTED = 130
 
 UNITS = ("um", "mm", "cm", "dm", "m", "km", "in", "ft")
-VOLTAGES = ("3.6/6", "6/10", "8.7/15", "12/20", "18/30")
 
 EPILOG = """\
 exit codes: 0 a result, 1 no result (one line on stderr says why), 2 wrong usage
@@ -103,6 +102,11 @@ def _classify(sub: argparse._SubParsersAction) -> None:
     )
     network.add_argument("--checkpoint", metavar="FOLDER", help="of a run of experiments.train, whose network to take")
     parser.add_argument("--seed", type=int, default=0, help="of the samples that the network sees (default: 0)")
+
+
+def _app(sub: argparse._SubParsersAction) -> None:
+    parser = sub.add_parser("app", help="a page of this machine: drop scans, see them, measure, hand on the report")
+    app.add_arguments(parser, UNITS)
 
 
 def _completion(sub: argparse._SubParsersAction) -> None:
@@ -204,14 +208,15 @@ def _register(sub: argparse._SubParsersAction) -> None:
         "--max-distance",
         type=float,
         metavar="MM",
-        help="register once, from where the scans lie, with partners no further apart",
+        help="register once, from where the scans lie, with corresponding points no further apart",
     )
     parser.add_argument(
         "--voxels",
         type=float,
         nargs="+",
         metavar="MM",
-        help="from coarse to fine: 500 250 125, partners within 4 voxels (2 for more than two scans); two scans find their own",
+        help="from coarse to fine: 500 250 125, corresponding points within 4 voxels (2 for more than two scans); two scans "
+        "find their own",
     )
     parser.add_argument(
         "--start",
@@ -253,6 +258,7 @@ COMMANDS = {
     "gage": _gage,
     "classify": _classify,
     "simulate": _simulate,
+    "app": _app,
     "schema": _schema,
     "completion": _completion,
 }
@@ -276,10 +282,6 @@ def build_parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _warn_plainly(message, category, filename, lineno, file=None, line=None) -> None:
-    tell(f"cablejax: warning: {message}")
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code: 0 a result, 1 no result, 2 wrong usage.
 
@@ -291,7 +293,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except SystemExit as usage:  # after --help or --version, too, the disk may be full
         raise SystemExit(usage.code if usage.code or put_out() else EXIT_NO_RESULT) from None
     with warnings.catch_warnings():
-        warnings.showwarning = _warn_plainly
+        warnings.showwarning = warn_plainly
         try:
             if options.command not in ("completion", "schema"):
                 set_up_jax()

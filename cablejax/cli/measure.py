@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from cablejax.batch.table import Column
-from cablejax.cli import exports, folder, known, scene, standards
+from cablejax.cli import exports, folder, measure_settings, scene, standards
 from cablejax.cli.checkpoint import parts_of
 from cablejax.cli.errors import NoResultError
 from cablejax.cli.scans import check_output, load, make_folder, rows, save_bytes, say
@@ -83,7 +83,7 @@ def one(options: argparse.Namespace) -> dict[str, Any]:
         make_folder(Path(options.report).parent)
         check_output(options.report, (".html", ".htm"))
     exports.check(options)
-    sizes, settings = known.sizes(options.catalogue), known.settings(options)
+    sizes, settings = measure_settings.sizes(options.catalogue), measure_settings.settings(options)
     scan = load(options, options.scan)
     part = parts_of(options, scan)
     from cablejax.measure import MeasureError, conformity, measure_cable

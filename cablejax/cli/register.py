@@ -109,7 +109,7 @@ def table(result: dict[str, Any]) -> str:
         return _stations_table(result)
     unseen = len(result["unseen_directions"])
     pairs = [
-        ("partners", f"{result['inliers']:,}, {result['rmse_mm']:.3g} mm apart (root mean square)"),
+        ("correspondences", f"{result['inliers']:,}, {result['rmse_mm']:.3g} mm apart (root mean square)"),
         ("converged", f"{'yes' if result['converged'] else 'no'}, after {result['iterations']} steps"),
         ("unseen", f"{unseen} of 6 directions of motion, left as they were" if unseen else "no direction of motion"),
     ]

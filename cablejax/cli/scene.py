@@ -6,7 +6,7 @@ import io
 from pathlib import Path
 from typing import Any
 
-from cablejax.cli import known
+from cablejax.cli import measure_settings
 from cablejax.cli.checkpoint import parts_of
 from cablejax.cli.errors import NoResultError
 from cablejax.cli.scans import check_output, load, make_folder, rows, save_bytes, say
@@ -25,7 +25,7 @@ ROW: tuple[str, ...] = (
 def run(options: argparse.Namespace) -> dict[str, Any]:
     """Measure every cable, judge each, write CSV, picture and report."""
     _check(options)
-    sizes, settings = known.sizes(options.catalogue), known.settings(options)
+    sizes, settings = measure_settings.sizes(options.catalogue), measure_settings.settings(options)
     scan = load(options, options.scan)
     part = parts_of(options, scan)
     from cablejax.measure import MeasureError, conformity, measure_cables

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
+from cablejax.geometry.principal import principal_axes
 from cablejax.optional import require
 
 if TYPE_CHECKING:
@@ -134,8 +135,7 @@ def point_views(
     figure = Figure(figsize=(6.6, 1.0 + 1.5 * len(clouds)))
     axes = figure.subplots(len(clouds), 1, sharex=True, squeeze=False)[:, 0]
     first = next(iter(clouds.values()))[0]
-    centre = first.mean(axis=0)
-    _, _, directions = np.linalg.svd(first[thin(len(first), most=5000)] - centre, full_matrices=False)
+    centre, directions, _ = principal_axes(first[thin(len(first), most=5000)])
     for ax, (name, (xyz, value)) in zip(axes, clouds.items(), strict=True):
         rows = thin(len(xyz))
         along, across = ((xyz[rows] - centre) @ directions[:2].T).T

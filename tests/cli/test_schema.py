@@ -9,6 +9,7 @@ from cablejax.cli import main
 from cablejax.cli.main import COMMANDS
 from cablejax.cli.schema import FOLDER, VERSIONS, read_schema
 from cablejax.io import write_points
+from cablejax.measure.uncertainty import budget
 from tests.reference.circles import bent_cable
 
 jsonschema = pytest.importorskip("jsonschema")
@@ -98,3 +99,11 @@ def test_cables_seen_all_round_fill_what_others_leave_empty(capsys, scans):
     assert round_["section_sizes"] is not None
     assert round_["bend_interval_mm"] is not None
     assert np.isfinite(round_["readings"]["mean_mm"])
+
+
+@pytest.mark.parametrize("name", ["measure", "measure-all"])
+def test_the_schema_lists_the_sources_of_the_budget(name):
+    text = json.dumps(read_schema(name))
+    sources = [value for key, value in vars(budget).items() if key.isupper() and isinstance(value, str)]
+    assert len(sources) == 11
+    assert json.dumps(sources) in text

@@ -1,11 +1,6 @@
-"""Made-up training: a task in place of the real one, whose accuracy is a known function of arm, trial and seed."""
+"""Made-up training, whose accuracy is a known function of arm, trial and seed."""
 
-import sys
-from pathlib import Path
 from typing import Any
-
-from experiments.harness import app
-from experiments.harness.schema import Config
 
 BEST_TRIAL = 1
 
@@ -33,15 +28,3 @@ def metrics(
     found = {"history": history, "best_epoch": epochs, "validation_overall": final, "learning_rate": rate,
              "compile_seconds": 1.0, "train_seconds": float(epochs), "labels_mm2": ["25"]}  # fmt: skip
     return found | ({"test_overall": final, "test_class_average": final} if test else {})
-
-
-def run(cfg: Config, folder: Path) -> dict[str, Any]:
-    broken = Path(cfg.out) / "broken"
-    if broken.exists() and cfg.seed == int(broken.read_text()):
-        sys.exit("this job is broken")
-    arm = cfg.optimizer.name if cfg.rates == "search" else "adadelta_paper"
-    return metrics(arm, cfg.trial, cfg.seed, rate=cfg.optimizer.learning_rate, test=cfg.training.test)
-
-
-if __name__ == "__main__":
-    app.main(run, experiment="train", headline=lambda metrics: f"{metrics['validation_overall']:.3f}")

@@ -81,8 +81,8 @@ def test_padding_and_points_that_are_not_finite_come_back_unchanged(order):
     points = half_cylinder(N, radius=5.0, length=10.0)
     padded = np.concatenate([points, np.full((20, 3), 7.0), np.full((1, 3), np.nan)]).astype(np.float32)
     mask = jnp.arange(N + 21) < N
-    result = adaptive_filter(PointCloud(jnp.asarray(padded), mask.at[-1].set(True)), order=order)
-    alone = adaptive_filter(exact(points), order=order)
+    result = adaptive_filter(PointCloud(jnp.asarray(padded), mask.at[-1].set(True)), order=order, **SETTINGS)
+    alone = adaptive_filter(exact(points), order=order, **SETTINGS)
     np.testing.assert_allclose(result.xyz[:N], alone.xyz, atol=1e-4)
     np.testing.assert_array_equal(result.xyz[N:], padded[N:])
     np.testing.assert_array_equal(np.asarray(result.status[N:]), [0] * 20 + [Status.NOT_FINITE])
@@ -108,12 +108,12 @@ def test_vmap_equals_loop_and_does_not_retrace():
     @jax.jit
     def batched(xyz):
         traces.append(1)
-        return jax.vmap(lambda x: adaptive_filter(PointCloud(x, jnp.ones(N, dtype=bool)), k=16, order=2).xyz)(xyz)
+        return jax.vmap(lambda x: adaptive_filter(PointCloud(x, jnp.ones(N, dtype=bool)), order=2, **SETTINGS).xyz)(xyz)
 
     clouds = jnp.stack([cloud(seed=1).xyz, cloud(seed=2).xyz])
     together = batched(clouds)
     for i in range(2):
-        single = adaptive_filter(PointCloud(clouds[i], jnp.ones(N, dtype=bool)), k=16, order=2).xyz
+        single = adaptive_filter(PointCloud(clouds[i], jnp.ones(N, dtype=bool)), order=2, **SETTINGS).xyz
         np.testing.assert_allclose(together[i], single, atol=1e-4)
     batched(clouds + 1.0)
     assert len(traces) == 1
@@ -132,10 +132,10 @@ def test_gradients_are_finite(order):
 @pytest.mark.parametrize("name", ["one point", "all equal", "line"])
 @pytest.mark.parametrize("order", [0, 2])
 def test_degenerate_clouds_stay_finite_and_in_place(name, order):
-    line = np.outer(np.arange(40.0), [1, 0, 0])
-    xyz = {"one point": np.ones((1, 3)), "all equal": np.ones((40, 3)), "line": line}[name]
-    result = adaptive_filter(PointCloud.from_xyz(xyz, capacity=40), k=8, order=order)
-    interior = slice(8, -8) if name == "line" else slice(None)
+    line = np.outer(np.arange(60.0), [1, 0, 0])
+    xyz = {"one point": np.ones((1, 3)), "all equal": np.ones((60, 3)), "line": line}[name]
+    result = adaptive_filter(PointCloud.from_xyz(xyz, capacity=N), order=order, **SETTINGS)
+    interior = slice(16, -16) if name == "line" else slice(None)
     np.testing.assert_allclose(np.asarray(result.xyz)[: len(xyz)][interior], xyz[interior], atol=1e-2)
 
 

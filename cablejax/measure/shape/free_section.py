@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from cablejax.geometry.robust import robust_std
 from cablejax.measure.fit.least_squares import CableFit, tukey
-from cablejax.measure.robust import robust_std
 from cablejax.measure.shape.sections import arc_of
 
 WAVES = 12  # highest harmonic of the radius over the angle: features of 30 degrees and wider

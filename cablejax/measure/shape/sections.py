@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
+from cablejax.geometry.robust import robust_std
 from cablejax.measure.fit.least_squares import CableFit, tukey
-from cablejax.measure.robust import robust_std
 
 BIN_DEG = 5.0
 OVAL_DEG = 175.0

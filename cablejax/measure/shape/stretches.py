@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from cablejax.measure.robust import COVERAGE, robust_std
+from cablejax.geometry.robust import COVERAGE, robust_std
 from cablejax.measure.shape.profile import Profile
 
 LEAST_SHARE = 0.004  # of the diameter: less is no step of a cable, and sections of real scans wander by as much
@@ -56,7 +56,7 @@ def stretches_of(
     Args:
         profile: The diameter along the axis.
         common_std_mm: Standard uncertainty that all sections share, as of the scanner; grows with the diameter.
-        correlation: By how much residuals that hang together widen the standard deviations.
+        correlation: By how much correlated residuals widen the standard deviations.
         most: 1 for one constant stretch, whatever it leaves.
     """
     s, d = profile.s_mm, profile.diameter_mm

@@ -24,7 +24,7 @@ def curves(results: Results) -> Drawing | None:
     names = list(dict.fromkeys([*trials, *there]))
     for style, arm in zip(_styles(len(names)), names, strict=True):
         if arm in there:
-            runs = [[epoch["validation_overall"] for epoch in row["history"]] for row in final_rows(results, arm)]
+            runs = [row["history"]["validation_overall"] for row in final_rows(results, arm)]
             left.plot(*_middle(runs), **style)
         if arm in trials:
             right.plot(np.arange(1, len(trials[arm]) + 1), trials[arm], label=NAMES[arm], **style)
@@ -37,9 +37,9 @@ def curves(results: Results) -> Drawing | None:
     right.set_title("(b) best of n trials, expected", loc="left", fontsize=10)
     right.set_xlabel("trials n")
     figure.legend(*right.get_legend_handles_labels(), loc="outside lower center", ncols=3)
-    title = TITLES[results.raw["experiment"]]
+    title = TITLES[results.experiment]
     return Drawing(
-        results.raw["experiment"],
+        results.experiment,
         figure,
         f"Validation accuracy of every optimizer against epochs, and of the best of n tuning trials, {title}.",
         f"The study, {title}: what an optimizer reaches once tuned, and how many trials of tuning that takes.",
