@@ -15,6 +15,14 @@ VERSIONS = {
 }  # fmt: skip
 
 
+HELP = "the JSON Schema of what a command prints with --json"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of the command."""
+    parser.add_argument("name", choices=VERSIONS, metavar="name", help=", ".join(VERSIONS))
+
+
 def layout_of(command: str, result: dict[str, Any]) -> str:
     """The name of a result's layout: the command's own but for a few."""
     if "reasons" in result:

@@ -1,6 +1,7 @@
 """Training: optimizers by name, one loop that can be killed at any moment, and the paper's two accuracies."""
 
 from cablejax.train.batched_fits import fit_together
+from cablejax.train.classify import classify_cable
 from cablejax.train.config import TrainConfig
 from cablejax.train.engine import TrainingDiverged
 from cablejax.train.fitting import TrainResult, fit
@@ -31,6 +32,7 @@ __all__ = [
     "Transferred",
     "best_epoch",
     "class_average_accuracy",
+    "classify_cable",
     "confusion_matrix",
     "cross_entropy",
     "evaluate",
