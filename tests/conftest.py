@@ -23,7 +23,9 @@ from jaxlib import version as jaxlib_version
 # level 1, the quadric filter 2.1 for 6.0), for programs that run 5 to 10 times slower, which matters where a test computes
 # much: `optimized` compiles it at level 1. `make test-portable` sets flags of its own and so tests what users get. XLA
 # aborts on a flag that it does not know, and 0.12 dropped the first one.
-CHEAP = "--xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1 --xla_backend_optimization_level=1"
+CHEAP = (
+    "--xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1 --xla_backend_optimization_level=1"
+)
 if "XLA_FLAGS" not in os.environ:
     os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "true")
     if jaxlib_version.__version__ in ("0.10.0", "0.10.1"):
