@@ -19,6 +19,8 @@ from experiments.harness.sources import combined, present
 ORIGINS = "origins.json"
 COLUMNS = ("train_loss", "validation_loss", "validation_overall", "seconds")
 LEFT_OUT = ("history", "test_confusion", "labels_mm2", "classes")
+# Keys younger than the first runs, with the value that stands for what was done before there was the key.
+ADDED = {"dataset": {"pool": None}}
 NOT_COMPARED = ("out", "name")  # of a configuration: where a run is written, and under what name
 
 Line = dict[str, Any]
@@ -27,6 +29,8 @@ Line = dict[str, Any]
 def config_digest(cfg: Config) -> str:
     """Of everything in a configuration that can change a number."""
     plain = {key: value for key, value in asdict(cfg).items() if key not in NOT_COMPARED}
+    for group, keys in ADDED.items():
+        plain[group] = {key: value for key, value in plain[group].items() if key not in keys or value != keys[key]}
     return sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()[:12]
 
 

@@ -74,12 +74,12 @@ def _fresh(config: DatasetConfig, total: int, epoch: int, clean: bool) -> Split:
 
 
 def training_clouds(config: DatasetSchema) -> Split | Callable[[int], Split]:
-    """The fixed training split, or with `dataset.fresh` a function that simulates new clouds for each epoch."""
+    """The fixed training split, or with `dataset.fresh` a function that simulates new clouds for each epoch of the pool."""
     settings = clouds_of(config, config.train_per_class)
     if not config.fresh:
         return _split(settings, "train", config.filtered)
     total = config.train_per_class * len(config.sizes_mm2)
-    return lambda epoch: _fresh(settings, total, epoch, config.filtered)
+    return lambda epoch: _fresh(settings, total, epoch % (config.pool or epoch + 1), config.filtered)
 
 
 def training_config(cfg: Config) -> TrainConfig:

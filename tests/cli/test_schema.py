@@ -41,6 +41,7 @@ CALLS = {
     "measure half": ("measure", ["measure", "half.ply", *IN_MM]),
     "measure round": ("measure", ["measure", "round.ply", *IN_MM, "--tolerance", "29", "31", "--catalogue", "8.7/15"]),
     "measure all": ("measure-all", ["measure", "round.ply", *IN_MM, "--all", "--tolerance", "29", "31"]),
+    "measure all with exports": ("measure-all", ["measure", "half.ply", *IN_MM, "--all", "--export", "OUT", "--formats", "csv"]),
     "report": ("measure", ["report", "half.ply", "OUT/report.html", *IN_MM]),
     "info": ("info", ["info", "half.ply", *IN_MM]),
     "denoise": ("denoise", ["denoise", "half.ply", "OUT/clean.ply", *IN_MM, "--neighbors", "20"]),
@@ -76,6 +77,13 @@ def test_a_networks_sizes_are_as_their_schema_says():
         "size_mm2": "240", "probabilities": {"240": 0.9, "300": 0.1}, "measured_diameter_mm": 34.2,
     }  # fmt: skip
     jsonschema.validate(result, read_schema("classify"))
+
+
+def test_what_lay_on_the_page_is_as_its_schema_says():
+    """What `app` returns when it is ended."""
+    cable = {"number": 1, "diameter_mm": 20.0, "interval_mm": [19.9, 20.1]}
+    scans = [{"file": "a.ply", "error": None, "cables": [cable]}, {"file": "b.ply", "error": "is empty", "cables": []}]
+    jsonschema.validate({"schema": "app/1", "url": "http://127.0.0.1:1/x/", "scans": scans}, read_schema("app"))
 
 
 def test_every_command_has_a_schema_and_every_schema_a_version():
