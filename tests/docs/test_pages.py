@@ -16,7 +16,7 @@ TEXTS = {
 }
 FOLDERS = "cablejax|experiments|conf|tests|docs|results|benchmarks|tools|requirements"
 PLACEHOLDER = re.compile(r"NAME|[*<>{}]|\.\.\.")
-MADE = ("docs/notebooks/", "docs/reference/", "docs/_build", "results/study_")  # by the build, by runs still to come
+MADE = ("docs/notebooks/", "docs/reference/", "docs/_build", "results/study")  # by the build, by runs still to come
 each_page = pytest.mark.parametrize("page", TEXTS)
 
 
