@@ -46,6 +46,15 @@ def test_files_that_are_named_exist(page: str):
             assert (ROOT / name).exists(), name
 
 
+def test_files_on_the_paths_of_the_architecture_exist():
+    named = set(re.findall(r"`([\w/]+\.py)`", TEXTS["docs/architecture.md"]))
+    assert len(named) > 25
+    for name in named:
+        assert any((ROOT / folder / name).is_file() for folder in ("", "cablejax/measure", "cablejax/ops/neighbors")), (
+            name
+        )
+
+
 @each_page
 def test_experiment_commands_name_what_exists(page: str):
     for module, *arguments in commands(TEXTS[page]):
