@@ -28,7 +28,7 @@ ALLOWED = {
     "report": {"types", "optional"},
     "batch": {"types", "io", "optional", "runtime"},
     "export": {"types", "io", "measure", "report", "optional"},
-    "tiles": {"types", "ops", "io", "batch"},
+    "tiles": {"types", "ops", "io", "batch", "compiled"},
     "app": {"io", "measure", "report", "export", "batch"},
     "cli": {
         "app",
