@@ -28,6 +28,16 @@ NAMES = {
     "alexnet": "AlexNet",
     "vgg16": "VGG-16",
     "resnet50": "ResNet50",
+    "full": "Whole network",
+    "no_attention": "without attention",
+    "no_enhancement": "without enhancement",
+    "no_fusion": "without fusion",
+    "no_raster": "without enhancement and fusion",
+    "fresh": "6,656 clouds, none twice",
+    "pool1": "416 clouds, 16 times",
+    "pool2": "832 clouds, 8 times",
+    "pool4": "1,664 clouds, 4 times",
+    "pool8": "3,328 clouds, twice",
 }
 
 
