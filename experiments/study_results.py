@@ -61,6 +61,8 @@ def fold(part: str, *, size: str, log: Path, out: Path) -> Path:
         "seconds": round(sum(record["cpu_seconds"] for record in records), 1),
         "provenance": {key: value for key, value in origins[records[-1]["origin"]].items() if key != "sources"},
         "config": {key: value for key, value in shared.items() if key != "out"},
+        "arms": list(PARTS[part].arms),
+        "own": next(iter(PARTS[part].arms)),
         "target": PARTS[part].target,
         "updates_per_epoch": updates_per_epoch(part, shared),
         "missing": sum(len(PARTS[part].final) for arm in PARTS[part].arms) - sum(job.stage == FINAL for job in kept),

@@ -9,7 +9,6 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from cablejax.ops import width_trial
 from cablejax.tiles import kernels
 from cablejax.tiles.folder import Folder, TilePoints
 from cablejax.tiles.plan import Tile
@@ -65,7 +64,7 @@ def width(*, folder: str, tile: int, capacity: int, n: int, k: int, order: int) 
         some = np.full(PILOTS, -1, dtype=np.int32)
         part = rows[start : start + PILOTS]
         some[: len(part)] = part
-        parts.append(width_trial(cloud, keep, jnp.asarray(some), k=k, order=order))
+        parts.append(kernels.width_trial(cloud, keep, jnp.asarray(some), k=k, order=order))
     fields = zip(*parts, strict=True)
     names = parts[0]._fields if parts else ()
     place.leave(f"width {tile}", **{name: np.concatenate(f, -1) for name, f in zip(names, fields, strict=True)})
