@@ -19,8 +19,8 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks import record
 from cablejax.geometry.robust import COVERAGE
-from cablejax.io import provenance, write_json
 
 PRESETS = ("line-laser", "paper-floor", "structured-light", "terrestrial", "ideal")
 SHAPES = ("straight", "bend", "s-bend", "catenary")
@@ -32,7 +32,7 @@ def one_scan(index: int, *, points: int, first_key: int, known: bool = False) ->
     """Simulate and measure; the error over its standard uncertainty, or the reason of a refusal."""
     import jax
 
-    from cablejax.cli.known import instrument
+    from cablejax.cli.measure_settings import instrument
     from cablejax.measure import MeasureError, MeasureSettings, measure_cable
     from cablejax.simulate import catalogue, simulate_scan
 
@@ -150,8 +150,8 @@ def main() -> None:
         print("  ".join(f"{k} {v:.4g}" if isinstance(v, float) else f"{k} {v}" for k, v in line.items()))
     if options.out:
         config = {"points": options.points, "scans": len(rows), "known": options.known}
-        kept = provenance(seeds=[options.first_key], config=config)
-        write_json(options.out, {"table": tables(rows), "scans": rows, "provenance": kept})
+        found = {"summary": record.table(tables(rows), config=config), "scans": record.table(rows)}
+        record.write(options.out, found, seeds=[options.first_key], config=config)
     if options.plot:
         draw(tables(rows), options.plot)
 

@@ -15,13 +15,13 @@ import jax
 import numpy as np
 from flax import nnx
 
+from benchmarks import record
 from cablejax.cli.checkpoint import read_run, restored
 from cablejax.geometry.robust import COVERAGE
-from cablejax.io import provenance, write_json
 from cablejax.measure import MeasureError, measure_cable
 from cablejax.nets import PartNetwork, label_parts
 from cablejax.simulate import catalogue, simulate_scan
-from cablejax.simulate.parts import GROUP
+from cablejax.simulate.part_clouds import GROUP
 
 SCENES = (
     "bend", "bend+clamp", "bend+wall", "bend+support", "two-cables", "trefoil", "bend+tray", "bend+clamp+tray", "joint",
@@ -86,11 +86,11 @@ def main() -> None:
     parser.add_argument("--scans", type=int, default=len(SCENES) * len(PRESETS) * len(ARCS))
     parser.add_argument("--out", help="JSON file to write")
     options = parser.parse_args()
-    record = read_run(options.checkpoint, trained="network that labels parts", by="experiments.parts", holds="parts")
-    config = record["config"]
+    run = read_run(options.checkpoint, trained="network that labels parts", by="experiments.parts", holds="parts")
+    config = run["config"]
     network = restored(
         options.checkpoint,
-        PartNetwork(len(record["metrics"]["parts"]), rngs=nnx.Rngs(0), **config["model"]["options"]),
+        PartNetwork(len(run["metrics"]["parts"]), rngs=nnx.Rngs(0), **config["model"]["options"]),
     )
     clouds = {name: config["parts"][name] for name in ("n_points", "ball_mm")}
     rows = []
@@ -113,12 +113,11 @@ def main() -> None:
     if options.out:
         used = {
             "points": options.points,
-            "network": record["code_revision"],
-            "training": record["metrics"]["test_overall"],
+            "network": run["code_revision"],
+            "training": run["metrics"]["test_overall"],
         }
-        write_json(
-            options.out, {"table": table, "scans": rows, "provenance": provenance(seeds=[FIRST_KEY], config=used)}
-        )
+        found = {"summary": record.table(table, config=used), "scans": record.table(rows)}
+        record.write(options.out, found, seeds=[FIRST_KEY], config=used)
 
 
 if __name__ == "__main__":

@@ -9,10 +9,12 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
 sys.path[:0] = [str(HERE / "_ext"), str(ROOT)]
-# Notebooks are executed in processes of their own: they find this checkout, and keep what they compile.
+# Notebooks are executed in processes of their own, which find this checkout and the environment's commands.
 os.environ["PYTHONPATH"] = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
+os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
 
-from public import functions, kinds  # noqa: E402
+from names import functions, kinds  # noqa: E402
+from sphinx.ext import autosummary  # noqa: E402
 
 project = "cablejax"
 author = "the cablejax authors"
@@ -20,14 +22,17 @@ release = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["
 language = "en"
 html_title = f"cablejax {release}"
 
+# Where the first sentence of a docstring does not end.
+autosummary.WELL_KNOWN_ABBREVIATIONS = (*autosummary.WELL_KNOWN_ABBREVIATIONS, "eq.", "eqs.", "Eq.", "Eqs.")
+
 extensions = [
     "myst_nb",
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
     "sphinx.ext.napoleon",
-    "sphinx.ext.mathjax",
     "sphinx_copybutton",
     "sphinx_design",
+    "mathml",
     "public",
 ]
 templates_path = ["_templates"]
@@ -45,6 +50,7 @@ nb_execution_cache_path = str(HERE / "_build" / "jupyter-cache")
 nb_execution_timeout = 300
 nb_execution_raise_on_error = True
 nb_merge_streams = True
+suppress_warnings = ["mystnb.unknown_mime_type"]  # plotly's own form of figures that are there as images too
 
 # Reference, from docstrings and `__all__`
 autosummary_generate = True
@@ -79,9 +85,11 @@ nitpick_ignore_regex = [
     (r"py:class", r"cablejax\.train\.step\.TrainState"),  # what the training loop keeps
 ]
 
+html_math_renderer = "mathml"
 html_theme = "furo"
 html_static_path = ["_static"]
 html_css_files = ["cablejax.css"]
+html_show_copyright = False
 html_copy_source = False
 html_show_sourcelink = False
 html_scaled_image_link = True

@@ -11,9 +11,9 @@ from pathlib import Path
 
 from experiments import ROOT
 from experiments.display.claims import verdict_table
-from experiments.display.further_sections import FURTHER
 from experiments.display.headlines import headline_table
-from experiments.display.sections import SECTIONS, Section
+from experiments.display.section import Section
+from experiments.display.sections import SHOWN
 from experiments.display.table import Table
 
 PAGES = ("README.md", "docs/results.md", "docs/nets.md")
@@ -22,18 +22,12 @@ MARK = re.compile(r"(<!-- made: ([\w ]+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 def sections(results: Path) -> str:
     """Every section with its files and tables."""
-    told = [_section(section, results) for section in SECTIONS + FURTHER]
+    told = [_section(section, results) for section in SHOWN]
     return "\n".join(text for text in told if text)
 
 
-def section_tables(section: Section, results: Path) -> list[Table]:
-    """The tables of a section that a results folder allows."""
-    found = section.read(results)
-    return [table for maker in section.tables if found and (table := maker(found)) is not None]
-
-
 def _section(section: Section, results: Path) -> str:
-    tables = section_tables(section, results)
+    tables = section.made_tables(results)
     if not tables:
         return ""
     files = ", ".join(f"`results/{name}.json`" for name in section.read(results))
@@ -85,8 +79,8 @@ def block(name: str, results: Path) -> str:
     """
     if name in BLOCKS:
         return BLOCKS[name](results)
-    for section in SECTIONS + FURTHER:
-        for table in section_tables(section, results):
+    for section in SHOWN:
+        for table in section.made_tables(results):
             if table.title == name:
                 return f"{table.to_markdown()}\n\n{table.caption}\n"
     raise ValueError(f"made: {name}: expected one of {', '.join(BLOCKS)} or the title of a table that results/ allows")

@@ -98,14 +98,14 @@ def verify(results: Results, sample: Sample) -> list[str]:
     Raises:
         ValueError: If the file holds no run of the sample's cell.
     """
-    fixed = results.raw["config"]
+    fixed = results.shared
     rows = [
         row
-        for row in results.raw["runs"]
+        for row in results.runs
         if all(row["cell"].get(key, fixed.get(key)) == value for key, value in sample.cell.items())
     ]
     if not rows:
-        raise ValueError(f"{results.raw['experiment']}: expected a run with {sample.cell}, found none")
+        raise ValueError(f"{results.experiment}: expected a run with {sample.cell}, found none")
     row = min(rows, key=lambda r: r["seed"])
     with tempfile.TemporaryDirectory() as folder:
         config = schema.from_flat({**fixed, **row["cell"], "seed": row["seed"], "out": folder})

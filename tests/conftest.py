@@ -62,7 +62,7 @@ def optimized(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 SLOWEST = (
     "experiments/harness/test_sweep.py",
     "ops/test_neighbors_and_sums.py",
-    "simulate/test_parts.py",
+    "simulate/test_part_clouds.py",
     "simulate/test_surfaces.py",
     "test_notebooks.py",
     "ops/test_filters.py",

@@ -33,7 +33,7 @@ ALLOWED = {
     "report": {"types", "optional", "geometry"},
     "batch": {"types", "io", "optional", "runtime"},
     "export": {"types", "io", "geometry", "measure", "report", "optional"},
-    "tiles": {"types", "ops", "io", "batch"},
+    "tiles": {"types", "ops", "io", "batch", "compiled"},
     "app": {"io", "measure", "report", "export", "batch"},
     "cli": {
         "app",

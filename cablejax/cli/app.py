@@ -5,11 +5,11 @@ import signal
 import tempfile
 import threading
 import webbrowser
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from cablejax import __version__
+from cablejax.cli.arguments import UNITS
 from cablejax.cli.errors import NoResultError
 from cablejax.cli.scans import rows, say
 from cablejax.cli.streams import put_out, tell
@@ -19,13 +19,16 @@ STAGES = "cablejax.cli.app_stages:stage"
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
 
 
-def add_arguments(parser: argparse.ArgumentParser, units: Sequence[str]) -> None:
+HELP = "a page of this machine: drop scans, see them, measure, hand on the report"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of the command."""
     parser.add_argument(
         "scans", nargs="*", metavar="scan", help="point files to open at once; others are dropped on the page"
     )
     parser.add_argument(
-        "--unit", choices=units, help="unit of these files' coordinates (the page asks for the others')"
+        "--unit", choices=UNITS, help="unit of these files' coordinates (the page asks for the others')"
     )
     parser.add_argument(
         "--host", default=LOOPBACK[0], metavar="ADDRESS",
@@ -78,9 +81,9 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
 
 def _offered() -> dict[str, Any]:
     """What the page lets one choose among."""
-    from cablejax.cli.main import UNITS, VOLTAGES
+    from cablejax.simulate.nominal import XLPE_MM
 
-    return {"units": list(UNITS), "voltages": list(VOLTAGES), "version": __version__}
+    return {"units": list(UNITS), "voltages": list(XLPE_MM), "version": __version__}
 
 
 def _tell_where(options: argparse.Namespace, url: str) -> None:

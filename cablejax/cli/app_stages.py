@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cablejax.cli import known, standards
+from cablejax.cli import measure, measure_settings, standards
+from cablejax.cli.arguments import add_output
 from cablejax.cli.errors import NoResultError
 from cablejax.cli.scans import load
 from cablejax.cli.streams import warnings_told
@@ -49,10 +50,12 @@ class _Work:
 
     @functools.cached_property
     def options(self) -> argparse.Namespace:
-        from cablejax.cli.main import build_parser
-
+        parser = argparse.ArgumentParser(prog="cablejax measure")
+        measure.add_arguments(parser)
+        add_output(parser)
+        parser.set_defaults(command="measure")
         try:
-            options = build_parser().parse_args(["measure", *self.arguments, "--", self.path])
+            options = parser.parse_args([*self.arguments, "--", self.path])
         except SystemExit:
             raise NoResultError(f"{' '.join(self.arguments)}: are no options of `cablejax measure`") from None
         limits = options.tolerance
@@ -63,7 +66,10 @@ class _Work:
     @functools.cached_property
     def known(self) -> Found:
         """What is given to a measurement beside the points."""
-        return {"catalogue": known.sizes(self.options.catalogue), "settings": known.settings(self.options)}
+        return {
+            "catalogue": measure_settings.sizes(self.options.catalogue),
+            "settings": measure_settings.settings(self.options),
+        }
 
     @functools.cached_property
     def scan(self) -> "PointFile":

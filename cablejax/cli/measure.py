@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from cablejax.batch.table import Column
-from cablejax.cli import exports, folder, known, scene, standards
+from cablejax.cli import exports, folder, measure_settings, scene, standards
+from cablejax.cli.arguments import add_scan
 from cablejax.cli.checkpoint import parts_of
 from cablejax.cli.errors import NoResultError
 from cablejax.cli.scans import check_output, load, make_folder, rows, save_bytes, say
@@ -33,6 +34,76 @@ COLUMNS = (
     Column("verdict", "text", "nominal size, with `--catalogue`"),
     Column("conformity", "text", "`pass`, `fail` or `undecided`, with `--tolerance`"),
 )
+
+
+HELP = "diameter, ovality, length and bend radius of the cable in a scan, with their uncertainty"
+DESCRIPTION = "Find the cable in a scan and measure it. The diameter comes with a 95 %% interval and its budget."
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of the command."""
+    add_scan(parser)
+    parser.add_argument(
+        "--report", metavar="FILE.html", help="write a self-contained report; a folder for a folder of scans"
+    )
+    scene = parser.add_argument_group("scenes of several cables")
+    scene.add_argument("--all", action="store_true", help="measure every cable of the scan, each with a number")
+    scene.add_argument("--expect", type=int, metavar="N", help="with --all: say so where another number is found")
+    scene.add_argument("--picture", metavar="FILE.png", help="with --all: draw the scan with the cables' numbers")
+    add_options(parser)
+    exports.add_arguments(parser)
+    folder.add_arguments(parser)
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """What is known of cable and scanner, and how they are judged: as well of `report` and `gage`."""
+    parser.add_argument("--catalogue", metavar="KV", help="tell the nominal size, by rated voltage U0/U: 8.7/15")
+    parser.add_argument(
+        "--tolerance",
+        type=float,
+        nargs=2,
+        metavar=("LOW", "HIGH"),
+        help="limits of the diameter in mm: pass, fail or undecided",
+    )
+    parser.add_argument(
+        "--checkpoint",
+        metavar="FOLDER",
+        help="of a run of experiments.parts: its network labels the points, and the cable's alone are measured",
+    )
+    parser.add_argument(
+        "--scanner",
+        metavar="NAME|NUMBERS",
+        help="a preset of the simulator (line-laser), or what is known at the cable's distance: "
+        "range_std_mm=1.2,footprint_mm=1 (optional: incidence_power, lateral_std_mm)",
+    )
+    parser.add_argument(
+        "--stations",
+        type=int,
+        metavar="N",
+        help="scanner positions, if known: 1 for a single view, which needs no alignment",
+    )
+    limits = parser.add_argument_group("what is known of the cable, in mm and in the scan's coordinates")
+    limits.add_argument(
+        "--diameter", type=float, nargs=2, metavar=("LOW", "HIGH"), help="its diameter is between these"
+    )
+    limits.add_argument("--near", type=float, nargs=3, metavar=("X", "Y", "Z"), help="the cable nearest to this point")
+    limits.add_argument(
+        "--axis", type=float, nargs=3, metavar=("X", "Y", "Z"), help="it runs along this, within 20 degrees"
+    )
+    limits.add_argument(
+        "--box",
+        type=float,
+        nargs=6,
+        metavar=("X0", "Y0", "Z0", "X1", "Y1", "Z1"),
+        help="look at no point outside this box",
+    )
+    parser.add_argument("--section", type=float, metavar="MM", help="distance between sections (default: D/4)")
+    parser.add_argument("--registration-std", type=float, default=0.0, metavar="MM", help="of the stations' alignment")
+    parser.add_argument(
+        "--scale-std", type=float, default=0.0, metavar="RATIO", help="of the scanner's scale, 1e-4 say"
+    )
+    parser.add_argument("--maker-std", type=float, default=0.0, metavar="MM", help="of makers' diameters about nominal")
+    parser.add_argument("--seed", type=int, default=0, help="of the random samples in the search (default: 0)")
 
 
 def run(options: argparse.Namespace) -> dict[str, Any]:
@@ -83,7 +154,7 @@ def one(options: argparse.Namespace) -> dict[str, Any]:
         make_folder(Path(options.report).parent)
         check_output(options.report, (".html", ".htm"))
     exports.check(options)
-    sizes, settings = known.sizes(options.catalogue), known.settings(options)
+    sizes, settings = measure_settings.sizes(options.catalogue), measure_settings.settings(options)
     scan = load(options, options.scan)
     part = parts_of(options, scan)
     from cablejax.measure import MeasureError, conformity, measure_cable

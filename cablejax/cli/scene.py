@@ -6,7 +6,7 @@ import io
 from pathlib import Path
 from typing import Any
 
-from cablejax.cli import known
+from cablejax.cli import exports, measure_settings, standards
 from cablejax.cli.checkpoint import parts_of
 from cablejax.cli.errors import NoResultError
 from cablejax.cli.scans import check_output, load, make_folder, rows, save_bytes, say
@@ -25,7 +25,7 @@ ROW: tuple[str, ...] = (
 def run(options: argparse.Namespace) -> dict[str, Any]:
     """Measure every cable, judge each, write CSV, picture and report."""
     _check(options)
-    sizes, settings = known.sizes(options.catalogue), known.settings(options)
+    sizes, settings = measure_settings.sizes(options.catalogue), measure_settings.settings(options)
     scan = load(options, options.scan)
     part = parts_of(options, scan)
     from cablejax.measure import MeasureError, conformity, measure_cables
@@ -42,12 +42,27 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
     for one in result["cables"]:
         limits = options.tolerance
         one["conformity"] = limits and conformity(one["diameter_mm"], one["std_mm"], low=limits[0], high=limits[1])
-    result |= {"tolerance_mm": options.tolerance, "expected": options.expect}
+    result |= {
+        "tolerance_mm": options.tolerance,
+        "expected": options.expect,
+        "exported": _exported(options, scan, scene),
+    }
     if options.csv is not None:
         save_bytes(options.csv, _csv(result).encode(errors="backslashreplace"))
     if options.picture is not None or options.report is not None:
         _draw(options, scene, scan.xyz_mm)
     return result
+
+
+def _exported(options: argparse.Namespace, scan: Any, scene: Any) -> list[str] | None:
+    """The files written of all cables; None without `--export`."""
+    if options.export is None:
+        return None
+    written = []
+    for number, one in enumerate(scene.cables, 1):
+        said = standards.read_and_sized(one, options.tolerance)
+        written += exports.write(options, scan, one, *said, number=number) or []
+    return written
 
 
 def _check(options: argparse.Namespace) -> None:
@@ -56,8 +71,7 @@ def _check(options: argparse.Namespace) -> None:
     Raises:
         NoResultError: Naming the option.
     """
-    if options.export is not None:
-        raise NoResultError("--export: is for one cable; give --near, --axis or --box to say which, without --all")
+    exports.check(options)
     if options.expect is not None and options.expect < 1:
         raise NoResultError(f"--expect: expected at least 1, got {options.expect}")
     if options.tolerance is not None and not options.tolerance[0] < options.tolerance[1]:

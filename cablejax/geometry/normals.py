@@ -28,11 +28,11 @@ def plain_tree(xyz: Float[np.ndarray, "n 3"]) -> KDTree:
 
 
 def nearest(
-    tree: KDTree, xyz: Float[np.ndarray, "n 3"], *, k: int, reach: float = np.inf
+    tree: KDTree, xyz: Float[np.ndarray, "n 3"], *, k: int, max_distance: float = np.inf
 ) -> tuple[Float[np.ndarray, "n k"], Int[np.ndarray, "n k"]]:
-    """Distances and rows of the `k` nearest points; inf and the number of points where there are fewer within `reach`."""
+    """Distances and rows of the `k` nearest points; inf and the number of points where there are fewer within `max_distance`."""
     # Threads cost more than they bring for few questions.
-    distance, near = tree.query(xyz, k=k, distance_upper_bound=reach, workers=-1 if len(xyz) > 2000 else 1)
+    distance, near = tree.query(xyz, k=k, distance_upper_bound=max_distance, workers=-1 if len(xyz) > 2000 else 1)
     return np.asarray(distance).reshape(-1, k), np.asarray(near).reshape(-1, k)
 
 

@@ -41,6 +41,7 @@ class RawCloud(NamedTuple):
         dropped: Returns that the format marks as invalid, already left out.
         notes: What was odd but cost no coordinate, in clauses to stand after the path: colours left out, say.
         unit: Unit that the file itself states, or None.
+        row: Place of each point in the file `[n]`, where a part of it was read; None for all, in their order.
     """
 
     xyz: np.ndarray
@@ -49,6 +50,7 @@ class RawCloud(NamedTuple):
     dropped: int = 0
     notes: tuple[str, ...] = ()
     unit: str | None = None
+    row: np.ndarray | None = None
 
 
 def truncated(held: int, promised: int, what: str = "its header") -> BadFile:

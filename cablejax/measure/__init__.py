@@ -8,7 +8,7 @@ from cablejax.measure.cable import measure_cable
 from cablejax.measure.cables import measure_cables
 from cablejax.measure.conformity import bend_conformity, conformity
 from cablejax.measure.errors import MeasureError
-from cablejax.measure.fit.beams import Instrument
+from cablejax.measure.fit.beam_noise import Instrument
 from cablejax.measure.nominal import nominal_probabilities, verdict
 from cablejax.measure.result import BudgetLine, CableMeasurement, CableScene, NotMeasured
 from cablejax.measure.settings import MeasureSettings, SearchLimits

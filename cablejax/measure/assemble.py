@@ -9,7 +9,7 @@ from cablejax.geometry.robust import COVERAGE, robust_std
 from cablejax.measure.accept import PER_SECTION
 from cablejax.measure.find.cables import Find
 from cablejax.measure.fit.axis import Axis, trimmed
-from cablejax.measure.fit.beams import BeamBias
+from cablejax.measure.fit.beam_noise import BeamBias
 from cablejax.measure.fit.full import Fitted, beams, higher_order
 from cablejax.measure.fit.least_squares import CableFit
 from cablejax.measure.messages import (
@@ -32,7 +32,7 @@ from cablejax.measure.shape.profile import Profile, profile_along
 from cablejax.measure.shape.sections import Oval, Sections, oval
 from cablejax.measure.shape.stretches import ONE, Stretch, diameter_at, form_of, mean_of, stretches_of, within
 from cablejax.measure.uncertainty import alignment
-from cablejax.measure.uncertainty.budget import combined, uncertainty_budget
+from cablejax.measure.uncertainty.budget import CORRELATED, FORM, NOISE, combined, uncertainty_budget
 from cablejax.measure.uncertainty.shared_errors import shared_mm
 
 WORST_STD = 0.25  # of the diameter: beyond, the interval reaches from less than half of it to more than one and a half
@@ -204,7 +204,7 @@ def _steady(profile: Profile, length: float) -> bool:
 def _with_common(stretches: tuple[Stretch, ...], diameter: _Diameter, low: float) -> tuple[Stretch, ...]:
     """Stretches with the uncertainty that all diameters of the scan share, in proportion to them, counted from the thing's
     beginning; what the beams have added is taken off."""
-    own = ("noise, arc and number of points", "correlated residuals", "change along the length")
+    own = (NOISE, CORRELATED, FORM)
     common = combined([line for line in diameter.budget if line.source not in own])
     return tuple(
         one._replace(

@@ -97,7 +97,7 @@ def about_instrument(excess: float | None, *, given: bool) -> list[str]:
 
 def nothing_found(find: Find) -> MeasureError:
     """The error for a scan without a cable: a plane instead, or nothing round, or nothing within the limits."""
-    if (limits := find.limits.in_words()) and not find.walks:
+    if (limits := find.limits.in_words()) and not find.tracks:
         return NoCableError(f"No cable found with {limits}: widen the limits, or cut the scan closer to the cable.")
     if find.planes and find.flat_share > 0.5:
         return NoCableError(
@@ -121,7 +121,7 @@ def arc_too_small(arc_deg: float, least_deg: float, find: Find) -> MeasureError:
 
 
 def arc_too_small_for_errors(arc_deg: float, least_deg: float, shared_mm: float) -> MeasureError:
-    """The error for a short arc seen by a scanner whose errors hang together."""
+    """The error for a short arc seen by a scanner whose errors are correlated."""
     return MeasureError(
         f"The diameter cannot be told: neighbouring points share errors of {shared_mm:.2g} mm, as on glossy surfaces or behind a "
         f"filter, and over {arc_deg:.0f} degrees of the circumference these look like another diameter; at least {least_deg:.0f} "
@@ -260,8 +260,8 @@ def warnings_about(
             f"Only {arc_deg:.0f} degrees of the circumference were seen: the section is taken to be round, "
             "and an oval one would not show."
         )
-    for number, second in enumerate(find.walks[1:], 1):
-        first, *between = find.walks[:number]
+    for number, second in enumerate(find.tracks[1:], 1):
+        first, *between = find.tracks[:number]
         alike = 0.5 < 2 * second.radius_mm / diameter_mm < 2 and second.length_mm > 0.3 * first.length_mm
         if alike and share(second, first) < 0.1 and all(share(second, better) < 0.3 for better in between):
             out.append(

@@ -5,7 +5,7 @@ from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
 from cablejax.geometry.normals import nearest
-from cablejax.registration.partners import Oriented
+from cablejax.registration.correspondences import Oriented
 
 BINS = 11
 

@@ -19,13 +19,13 @@ class Thinned(NamedTuple):
 
     Attributes:
         xyz: Means `[m, 3]`.
-        count: Number of points behind each `[m]`.
+        points: Number of points behind each `[m]`.
         spread: Entries xx, yy, zz, xy, xz, yz of the covariance of the surroundings `[m, 6]`, where it was asked for.
         tree: Over the means, where one was built for that.
     """
 
     xyz: Float[np.ndarray, "m 3"]
-    count: Float[np.ndarray, " m"]  # pyright: ignore[reportIncompatibleMethodOverride]
+    points: Float[np.ndarray, " m"]
     spread: Float[np.ndarray, "m 6"] | None
     tree: KDTree | None = None
 
@@ -38,8 +38,8 @@ def _coarser(fine: Thinned, size: float) -> Thinned:
     """Voxel means of voxel means, each worth its points. Their surroundings are the mean of those within, and what the
     means within scatter about their own."""
     groups = voxel_groups(fine.xyz, size)
-    count, rows = groups.sums(fine.count), groups.sizes()
-    xyz = groups.sums(fine.count[:, None] * fine.xyz) / count[:, None]
+    count, rows = groups.sums(fine.points), groups.sizes()
+    xyz = groups.sums(fine.points[:, None] * fine.xyz) / count[:, None]
     if fine.spread is None:
         return Thinned(xyz, count, None)
     voxel = np.empty(len(fine.xyz), np.int64)

@@ -9,8 +9,8 @@ from jax.scipy.special import ndtr
 from jaxtyping import Array, Bool, Float, Int
 
 from cablejax.simulate.clutter import Cabling, Scene
-from cablejax.simulate.finish import light
 from cablejax.simulate.shapes import Tube
+from cablejax.simulate.sheath import light
 from cablejax.simulate.surface import SurfacePoint, around, unit
 
 TRACE_STEPS = 16  # sphere-tracing steps for a tube by itself, which the landing steps take from any distance

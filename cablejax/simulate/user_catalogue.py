@@ -4,7 +4,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from cablejax.simulate.catalogue import Cable
+from cablejax.simulate.nominal import Cable
 
 NUMBERS = ("size_mm2", "diameter_mm", "conductor_mm", "insulation_mm", "sheath_mm")
 TEXTS = ("name", "voltage_kv", "source")

@@ -25,7 +25,7 @@ from cablejax.train.optimizers import (
     optimizer_of,
 )
 from cablejax.train.placement import Placement
-from cablejax.train.step import Compiled, Data, Schedule, StepReport, TrainState, make_runner, rate_at
+from cablejax.train.update import Compiled, Data, Schedule, StepReport, TrainState, make_runner, rate_at
 
 PROGRAMS = 12  # kept: of a study's optimizers, one each
 

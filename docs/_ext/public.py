@@ -1,107 +1,25 @@
-"""Sphinx extension: the public names of cablejax, each on a page of the reference, and links to them from inline code.
+"""Sphinx extension: every public name on a page of the reference, and links to them from inline code.
 
-A public name is one in the `__all__` of the package or of a subpackage. The reference is made from the list of packages in
-docs/reference/index.md (autosummary takes the names from `__all__`); after reading, every public name must be the target of
-some page, or the build says which is not. Inline code that is a public name, alone (`knn`) where only one package has it or
-in full (`cablejax.ops.knn`), becomes a link, so that pages stay plain Markdown.
+The reference is made from the list of packages in docs/reference/index.md (autosummary takes the names from `__all__`); after
+reading, every public name must be the target of some page, or the build says which is not. Inline code that is a public name,
+alone (`knn`) where only one package has it or in full (`cablejax.ops.knn`), becomes a link, so that pages stay plain Markdown.
 """
 
-import importlib
-import inspect
-import pkgutil
-from collections.abc import Iterator, Mapping
-from functools import cache
-from types import GenericAlias
+import re
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from docutils import nodes
+from names import PACKAGE, flat, home, homes, kinds, packages, short_names
 from sphinx.addnodes import pending_xref
 from sphinx.application import Sphinx
 from sphinx.environment import BuildEnvironment
 from sphinx.transforms.post_transforms import SphinxPostTransform
 from sphinx.util import logging
 
-PACKAGE = "cablejax"
+ARRAY = re.compile(r"\b(?:jaxlib\._jax|jax|numpy)\.(Array|ndarray)\b")
 logger = logging.getLogger(__name__)
-
-
-def packages() -> list[str]:
-    """Dotted names of the package and its subpackages that state what is public in an `__all__`."""
-    root = importlib.import_module(PACKAGE)
-    found = [PACKAGE, *(each.name for each in pkgutil.walk_packages(root.__path__, f"{PACKAGE}.") if each.ispkg)]
-    return [name for name in found if hasattr(importlib.import_module(name), "__all__")]
-
-
-def public_names() -> dict[str, list[str]]:
-    """Names of each package's `__all__`, by package."""
-    return {package: list(importlib.import_module(package).__all__) for package in packages()}
-
-
-@cache
-def homes() -> dict[str, str]:
-    """Where an object is documented, by where it is defined: `cablejax.ops.neighbors.knn.knn` is `cablejax.ops.knn`.
-
-    Of several packages that export one object the shortest name is taken.
-    """
-    pairs = sorted(_flat(), key=lambda pair: -len(pair[0]))
-    return {_definition(*pair): ".".join(pair) for pair in pairs}
-
-
-def _flat() -> Iterator[tuple[str, str]]:
-    for package, names in public_names().items():
-        for name in names:
-            yield package, name
-
-
-def home(package: str, name: str) -> str:
-    """The page of a name that a package exports: of the shortest of the packages that export the object."""
-    return homes().get(_definition(package, name), f"{package}.{name}")
-
-
-def _definition(package: str, name: str) -> str:
-    item = getattr(importlib.import_module(package), name)
-    return (
-        f"{item.__module__}.{item.__qualname__}" if inspect.isclass(item) or _is_function(item) else f"{package}.{name}"
-    )
-
-
-@cache
-def kinds() -> dict[str, dict[str, list[str]]]:
-    """For each package its names by kind, in order; under `elsewhere` the full names of what another package documents."""
-    return {package: _by_kind(package, names) for package, names in public_names().items()}
-
-
-def _by_kind(package: str, names: list[str]) -> dict[str, list[str]]:
-    found: dict[str, list[str]] = {kind: [] for kind in ("Functions", "Classes", "Errors", "Constants", "elsewhere")}
-    for name in names:
-        item = getattr(importlib.import_module(package), name)
-        if home(package, name) != f"{package}.{name}":
-            found["elsewhere"].append(home(package, name))
-        elif inspect.isclass(item):
-            found["Errors" if issubclass(item, Exception) else "Classes"].append(name)
-        else:
-            found["Functions" if _is_function(item) else "Constants"].append(name)
-    return {kind: sorted(each, key=str.lower) for kind, each in found.items()}
-
-
-def _is_function(item: Any) -> bool:
-    """Functions, and what wraps one with a gradient of its own; no alias of a type."""
-    return hasattr(item, "__qualname__") and callable(item) and not isinstance(item, GenericAlias)
-
-
-def functions() -> set[str]:
-    """Full names of the public functions."""
-    return {f"{package}.{name}" for package, found in kinds().items() for name in found["Functions"]}
-
-
-@cache
-def short_names() -> dict[str, str]:
-    """Full name by what inline code may say: every full name, and a bare one that means a single object."""
-    full = {f"{package}.{name}": home(package, name) for package, name in _flat()}
-    bare: dict[str, set[str]] = {}
-    for name, page in full.items():
-        bare.setdefault(name.rpartition(".")[2], set()).add(page)
-    return full | {name: min(pages) for name, pages in bare.items() if len(pages) == 1}
 
 
 class LinkInlineCode(SphinxPostTransform):
@@ -143,7 +61,7 @@ def public_reference(app: Sphinx, env: BuildEnvironment, node: pending_xref, con
 def check_public_names(_: Sphinx, env: BuildEnvironment) -> None:
     """Warn of every public name without a page; warnings fail the build."""
     documented = set(env.domains.python_domain.objects)
-    for package, name in _flat():
+    for package, name in flat():
         if home(package, name) not in documented:
             logger.warning("%s.%s is public (in __all__) and on no page of the reference", package, name, type="public")
 
@@ -164,10 +82,28 @@ def describe_constants(_: Sphinx, __: str, name: str, item: Any, ___: Any, lines
         lines[:] = [f"``{item}``"]
 
 
+def shorten_arrays(
+    _: Sphinx, __: str, ___: str, ____: Any, _____: Any, signature: str | None, returned: str | None
+) -> tuple[str | None, str | None]:
+    """Write `Float[Array, 'n 3']` as the source does, without the modules of the array types."""
+    short = [None if each is None else ARRAY.sub(r"\1", each) for each in (signature, returned)]
+    return short[0], short[1]
+
+
+def remove_stale(app: Sphinx) -> None:
+    """Remove pages of names that are public no more, which autosummary leaves behind."""
+    wanted = {*packages(), *(home(package, name) for package, name in flat())}
+    for path in (Path(app.srcdir) / "reference").glob(f"{PACKAGE}*.rst"):
+        if path.stem not in wanted:
+            path.unlink()
+
+
 def setup(app: Sphinx) -> dict[str, Any]:
+    app.connect("builder-inited", remove_stale, priority=100)  # autosummary writes its pages at 500
     app.add_post_transform(LinkInlineCode)
     app.connect("missing-reference", public_reference)
     app.connect("env-check-consistency", check_public_names)
     app.connect("autodoc-skip-member", skip_fields)
+    app.connect("autodoc-process-signature", shorten_arrays)
     app.connect("autodoc-process-docstring", describe_constants)
     return {"version": "1", "parallel_read_safe": True, "parallel_write_safe": True}

@@ -55,28 +55,28 @@ class Arm(NamedTuple):
 
 def final_rows(results: Results, arm: str) -> list[dict[str, Any]]:
     """An arm's final runs, by seed."""
-    rows = [row for row in results.raw["runs"] if row["stage"] == FINAL and row["arm"] == arm]
+    rows = [row for row in results.runs if row["stage"] == FINAL and row["arm"] == arm]
     return sorted(rows, key=lambda row: row["seed"])
 
 
 def arms(results: Results) -> list[str]:
     """The arms whose final stage is complete, in the study's order."""
-    return list(dict.fromkeys(row["arm"] for row in results.raw["runs"] if row["stage"] == FINAL))
+    return list(dict.fromkeys(row["arm"] for row in results.runs if row["stage"] == FINAL))
 
 
 def own_arm(results: Results) -> str:
     """The arm that the others are compared with."""
-    return results.raw["own"]
+    return results.own
 
 
 def updates_to_target(results: Results, arm: str) -> list[float]:
     """Updates until validation first reached the target, by seed; infinite where it never did."""
-    each = 1 if arm == FULL_SET else results.raw["updates_per_epoch"]
+    each = 1 if arm == FULL_SET else results.updates_per_epoch
     return [each * _epochs(results, row) for row in final_rows(results, arm)]
 
 
 def _epochs(results: Results, row: dict[str, Any]) -> float:
-    return epochs_to_target(row["history"]["validation_overall"], results.raw["target"])
+    return epochs_to_target(row["history"]["validation_overall"], results.target)
 
 
 def _seconds(results: Results, row: dict[str, Any]) -> float:
@@ -125,13 +125,13 @@ def speed(results: Results) -> dict[str, Comparison]:
 
 
 def _log_updates(results: Results, arm: str) -> list[float]:
-    budget = results.raw["updates_per_epoch"] * results.config("training.epochs")
+    budget = results.updates_per_epoch * results.config("training.epochs")
     return [math.log2(min(value, 2 * budget)) for value in updates_to_target(results, arm)]
 
 
 def verdict(results: Results) -> tuple[str, dict[str, Comparison]]:
     """Whether a part's own arm is ahead of those that the paper's claim is about, and the comparisons that say so."""
-    rivals = RIVALS[results.raw["experiment"]]
+    rivals = RIVALS[results.experiment]
     against = {arm: each for arm, each in comparisons(results).items() if arm in rivals}
     if len(against) < len(rivals):
         return rules.CANNOT_BE, against
@@ -141,7 +141,7 @@ def verdict(results: Results) -> tuple[str, dict[str, Comparison]]:
 def best_of_trials(results: Results) -> dict[str, list[float]]:
     """Expected best validation accuracy of n search trials, n = 1, 2, ..., by arm."""
     found: dict[str, list[float]] = {}
-    for row in results.raw["runs"]:
+    for row in results.runs:
         if row["stage"] == SEARCH:
             found.setdefault(row["arm"], []).append(row["validation_overall"])
     return {arm: best_of(values).tolist() for arm, values in found.items()}

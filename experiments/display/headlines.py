@@ -2,21 +2,21 @@
 
 from pathlib import Path
 
+from experiments.analysis.benchmark import Benchmark
 from experiments.analysis.results import Results
 from experiments.display.table import Table
-
-NEEDED = ("table2_3_deviation", "standard_adgcnn", "benchmarks/coverage", "benchmarks/real")
 
 
 def headline_table(folder: Path) -> Table | None:
     """Filter, network and measurement in a row each; None where one of their files is missing."""
-    found = {name: results for name in NEEDED if (results := Results.read(folder, name)) is not None}
-    if len(found) < len(NEEDED):
+    filtered, network = (Results.read(folder, name) for name in ("table2_3_deviation", "standard_adgcnn"))
+    simulated, real = (Benchmark.read(folder / "benchmarks", name) for name in ("coverage", "real"))
+    if filtered is None or network is None or simulated is None or real is None:
         return None
     rows = [
-        ["Filter, eqs. (2)-(8)", _filter(found["table2_3_deviation"]), _files("table2_3_deviation")],
-        ["Network, ADGCNN", _network(found["standard_adgcnn"]), _files("standard_adgcnn")],
-        ["Measured diameter", _measured(found), _files("benchmarks/coverage", "benchmarks/real")],
+        ["Filter, eqs. (2)-(8)", _filter(filtered), _files("table2_3_deviation")],
+        ["Network, ADGCNN", _network(network), _files("standard_adgcnn")],
+        ["Measured diameter", _measured(simulated, real), _files("benchmarks/coverage", "benchmarks/real")],
     ]
     return Table("Three rows", ["What", "Result", "File"], rows, "")
 
@@ -46,12 +46,12 @@ def _network(results: Results) -> str:
     )
 
 
-def _measured(found: dict[str, Results]) -> str:
-    simulated = next(row for row in found["benchmarks/coverage"].raw["table"] if row["by"] == "all")
-    given = simulated["scans"] - simulated["refused"]
-    real = next(row for row in found["benchmarks/real"].raw["table"] if row["grade"] == "A, B, C")
+def _measured(simulated: Benchmark, real: Benchmark) -> str:
+    scans = next(row for row in simulated.rows("summary") if row["by"] == "all")
+    graded = next(row for row in real.rows("summary") if row["grade"] == "A, B, C")
+    given = scans["scans"] - scans["refused"]
     return (
-        f"the 95 % interval holds the truth in {round(simulated['coverage'] * given)} of {given} simulated scans "
-        f"({simulated['refused']} more were refused), and in {real['holds']} of {real['holds'] + real['misses']} real ones "
-        f"of known size ({real['refused']} refused; no cables)"
+        f"the 95 % interval holds the truth in {round(scans['coverage'] * given)} of {given} simulated scans "
+        f"({scans['refused']} more were refused), and in {graded['holds']} of {graded['holds'] + graded['misses']} real ones "
+        f"of known size ({graded['refused']} refused; no cables)"
     )

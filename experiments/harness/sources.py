@@ -15,7 +15,7 @@ OUTSIDE = (
     "cablejax.optional",
     "cablejax.programs",
     "cablejax.train.memory",
-    "cablejax.train.pictures",
+    "cablejax.train.tensorboard_views",
     "cablejax.train.resume",
     "experiments.harness",
 )

@@ -229,7 +229,7 @@ def test_only_the_pose_cylinder_fits_anything(name, pose, monkeypatch):
     def fitted(*args, **kwargs):
         raise RuntimeError("a cylinder was fitted")
 
-    monkeypatch.setattr("cablejax.nets.pose.cylinder_frame", fitted)
+    monkeypatch.setattr("cablejax.nets.input_channels.cylinder_frame", fitted)
     try:
         model = build_model(name, CLASSES, rngs=nnx.Rngs(0), pose=pose)
     except ValueError:

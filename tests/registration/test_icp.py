@@ -89,7 +89,7 @@ def test_a_straight_cable_does_not_turn_or_slide():
     # by more than the noise of the normals.
     assert np.abs(np.cross(unseen[3:].T, axial)).max() < 1e-3
     # The source did not slide, and lies on the cable's surface: its distance from the axis, the x axis, is the radius
-    # everywhere. Tangent planes at partners 1.2 mm away lie 1.2^2 / 2r = .05 mm outside a cylinder of 15 mm.
+    # everywhere. Tangent planes at corresponding points 1.2 mm away lie 1.2^2 / 2r = .05 mm outside a cylinder of 15 mm.
     back = moved(found.T_target_source, source)
     assert abs((back - source).mean(axis=0)[0]) < 0.1
     off = np.hypot(back[:, 1], back[:, 2]) - 15
@@ -157,14 +157,14 @@ def test_coarser_levels_are_the_means_too():
     xyz = np.random.default_rng(0).uniform(-3, 3, size=(500, 3))
     coarse, fine = voxel_pyramid(xyz, [1.0, 0.5], spread=True)
     np.testing.assert_allclose(coarse.xyz, voxel_means(xyz, 1.0), atol=1e-12)
-    assert coarse.count.sum() == fine.count.sum() == 500
+    assert coarse.points.sum() == fine.points.sum() == 500
     # The spread of a coarse voxel: its fine ones' own, and what their means scatter about its mean.
     inside = (np.floor(fine.xyz) == np.floor(coarse.xyz[0])).all(axis=1)
     off = fine.xyz[inside] - coarse.xyz[0]
     np.testing.assert_allclose(coarse.spread[0, 0], (fine.spread[inside, 0] + off[:, 0] ** 2).mean(), atol=1e-12)
 
 
-def test_partners_are_the_nearest_after_every_step(pair):
+def test_correspondences_are_the_nearest_after_every_step(pair):
     # Carried points must end where a tree that is asked at every step ends.
     source, target, _ = pair
     found = icp(source, target, method="point", max_distance=0.15, max_iterations=7)

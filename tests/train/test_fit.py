@@ -17,7 +17,7 @@ from cablejax.train import TrainingDiverged, cross_entropy, evaluate, fit
 from cablejax.train.batches import epoch_rows, make_plan
 from cablejax.train.engine import Engine, _program
 from cablejax.train.metrics import class_average_accuracy, confusion_matrix, overall_accuracy
-from cablejax.train.step import Compiled, make_runner
+from cablejax.train.update import Compiled, make_runner
 from tests.train.tiny import Tiny, settings, split, weights
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -1,4 +1,4 @@
-"""A straight cylinder fitted to a few hundred points: the brick of the search and of the walk along a cable."""
+"""A straight cylinder fitted to a few hundred points: the brick of the search and of the track along a cable."""
 
 from typing import NamedTuple
 

@@ -31,7 +31,7 @@ class Candidate(NamedTuple):
 
 
 def _pairs(surface: Surface, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Rows of first points and of partners near them, the distance drawn evenly on a log scale."""
+    """Rows of first points and of second points near them, the distance drawn evenly on a log scale."""
     tree = KDTree(surface.xyz)
     reach = min(256, len(surface.xyz))
     first = rng.integers(len(surface.xyz), size=count)

@@ -56,7 +56,7 @@ def stretches_of(
     Args:
         profile: The diameter along the axis.
         common_std_mm: Standard uncertainty that all sections share, as of the scanner; grows with the diameter.
-        correlation: By how much residuals that hang together widen the standard deviations.
+        correlation: By how much correlated residuals widen the standard deviations.
         most: 1 for one constant stretch, whatever it leaves.
     """
     s, d = profile.s_mm, profile.diameter_mm

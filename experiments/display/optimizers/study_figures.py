@@ -37,9 +37,9 @@ def curves(results: Results) -> Drawing | None:
     right.set_title("(b) best of n trials, expected", loc="left", fontsize=10)
     right.set_xlabel("trials n")
     figure.legend(*right.get_legend_handles_labels(), loc="outside lower center", ncols=3)
-    title = TITLES[results.raw["experiment"]]
+    title = TITLES[results.experiment]
     return Drawing(
-        results.raw["experiment"],
+        results.experiment,
         figure,
         f"Validation accuracy of every arm against epochs, and of the best of n tuning trials, {title}.",
         f"The study, {title}: what each reaches once tuned, and how many trials of tuning that takes.",

@@ -40,20 +40,20 @@ def arms_table(results: Results) -> Table | None:
         for arm, each in sorted(found.items(), key=lambda item: (item[1].updates, -item[1].accuracy.value))
     ]
     return Table(
-        f"The study: {TITLES[results.raw['experiment']]}",
+        f"The study: {TITLES[results.experiment]}",
         [
             "Arm",
             "rate and second number",
             "accuracy (eq 20)",
             "share of failed runs",
-            f"updates to {results.raw['target']:g}",
+            f"updates to {results.target:g}",
             "seconds to it",
             "seeds",
         ],
         rows,
         f"Accuracy: interquartile mean over seeds with its 95 % bootstrap interval. Failed: below {FAILURE:g}, Wilson's 95 % "
-        f"interval. Updates and processor seconds until validation first reaches {results.raw['target']:g}: medians. "
-        f"{results.config('training.epochs')} epochs of {results.raw['updates_per_epoch']} updates (gradient descent on the "
+        f"interval. Updates and processor seconds until validation first reaches {results.target:g}: medians. "
+        f"{results.config('training.epochs')} epochs of {results.updates_per_epoch} updates (gradient descent on the "
         f"whole set: 1), clouds new in every epoch where nothing else is said, size {results.size}; protocol in docs/study.md.",
     )
 
@@ -80,7 +80,7 @@ def against_table(results: Results) -> Table | None:
         for arm, each in accuracy.items()
     ]
     return Table(
-        f"{NAMES[own_arm(results)]} against each other arm: {TITLES[results.raw['experiment']]}",
+        f"{NAMES[own_arm(results)]} against each other arm: {TITLES[results.experiment]}",
         ["Against", "gain in accuracy", "p", "", "updates, log2 of theirs over its own", "p ", " "],
         rows,
         f"Paired over {next(iter(accuracy.values())).n} seeds: mean with its 95 % bootstrap interval; p of the sign-flip "
@@ -99,13 +99,13 @@ CLAIMS = {
 
 def claim(results: Results) -> tuple[str, str, str]:
     """The verdict on what a part's own arm is claimed to be: claim, what was found, and the word."""
-    stated, (word, against) = CLAIMS[results.raw["experiment"]], verdict(results)
+    stated, (word, against) = CLAIMS[results.experiment], verdict(results)
     if word == rules.CANNOT_BE:
         return stated, "the study's final runs are not complete", word
     name = own_arm(results)
     own = summary(results, name)
     told = "; ".join(f"{NAMES[arm]} {told_of(each)}" for arm, each in against.items())
-    setting = f"{TITLES[results.raw['experiment']]}, {own.n} seeds, size {results.size}"
+    setting = f"{TITLES[results.experiment]}, {own.n} seeds, size {results.size}"
     text = f"tuned alike ({setting}), {NAMES[name]} reaches {own.accuracy.format(3)}; its gain over {told}"
     if PAPER_WAY in arms(results):
         text += (

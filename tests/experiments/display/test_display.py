@@ -149,9 +149,9 @@ def test_paper_tables_have_the_papers_layout(folder: Path):
 
 def test_report_and_readme_hold_every_table(folder: Path):
     page = report.build(folder).render()
-    text = readme.fill("<!-- results:begin -->\n<!-- results:end -->", folder)
+    text = readme.fill("<!-- made: sections -->\n<!-- end -->", folder)
     for table in sections.all_tables(folder):
-        assert f"**{table.title}**" in text
+        assert f"### {table.title}\n" in text
     for section in sections.SECTIONS:
         if section.names != ("diameter",):
             assert f">{section.title}</h2>" in page

@@ -2,7 +2,7 @@
 
 import pytest
 
-from experiments.harness.sources import Sources, combined, present
+from experiments.harness.sources import OUTSIDE, Sources, combined, present
 
 FILES = {
     "cablejax/__init__.py": "",
@@ -56,8 +56,14 @@ def test_the_networks_training_depends_on_what_decides_it():
         "ops.raster",
         "ops.edges",
         "simulate.clouds",
-        "train.step",
-        "train.loop",
+        "train.update",
+        "train.fitting",
     ):
         assert f"cablejax.{name}" in found
     assert not any(name.startswith(("cablejax.io", "experiments.harness", "experiments.display")) for name in found)
+
+
+@pytest.mark.parametrize("module", OUTSIDE)
+def test_what_is_left_out_is_there(module: str):
+    """A module that was renamed would else count to every result again."""
+    assert Sources()._tree(module) is not None

@@ -9,8 +9,8 @@ import pytest
 
 from cablejax.measure import Instrument, MeasureError, MeasureSettings, measure_cable
 from cablejax.measure.fit import full
-from cablejax.measure.fit.axis import Place, locate, sampled, spot
-from cablejax.measure.fit.beams import _scanned, clear_of_the_rim
+from cablejax.measure.fit.axis import Place, locate, point_at, sampled
+from cablejax.measure.fit.beam_noise import _scanned, clear_of_the_rim
 from cablejax.simulate import PRESETS, make_scene, scan_scene
 
 RADIUS = 10.0
@@ -21,7 +21,7 @@ def test_spot_is_the_inverse_of_locate():
     axis = sampled(np.stack([300 * np.sin(turn), 300 * np.cos(turn), 0 * turn], axis=1), step=2.0)
     rng = np.random.default_rng(0)
     place = Place(rng.uniform(5, 230, 500), rng.uniform(-12, 12, 500), rng.uniform(-12, 12, 500))
-    for told, found in zip(place, locate(axis, spot(axis, place)), strict=True):
+    for told, found in zip(place, locate(axis, point_at(axis, place)), strict=True):
         np.testing.assert_allclose(told, found, atol=1e-3)
 
 
@@ -111,7 +111,7 @@ def test_a_scatter_unlike_the_scanners_is_told_and_less_of_it_moves_less():
 def test_the_budget_tells_how_the_beams_were_reckoned_with():
     xyz = swept(0.05)
     lines = [
-        {line.source: line.how for line in measure_cable(xyz, settings=settings).budget}["noise along the beams"]
+        {line.source: line.how for line in measure_cable(xyz, settings=settings).budget}["bias from range noise"]
         for settings in (MeasureSettings(), MeasureSettings(instrument=Instrument(0.05, 0.0)))
     ]
     assert "that were taken off" in lines[0]

@@ -23,11 +23,11 @@ _PRECISION = jax.lax.Precision.HIGHEST
 
 
 class Pairs(NamedTuple):
-    """Source points where they are now, with their partners; columns without one have weight 0.
+    """Source points where they are now, with the points they correspond to; columns without one have weight 0.
 
     Attributes:
         source, source_normal: Points and unit normals `[3, n]`, moved into the target's frame.
-        target, target_normal: Partners `[3, n]`.
+        target, target_normal: Corresponding points `[3, n]`.
         weight: 1 for a pair, 0 for none `[n]`.
     """
 
@@ -171,7 +171,7 @@ def icp_step(
     onto samples.
 
     Args:
-        pairs: Points with partners, in the target's frame.
+        pairs: Points with their correspondences, in the target's frame.
         T_target_source: The motion that brought the source there.
         least_share: Share of the squared displacement along the normals below which a direction counts as unseen.
         method: "point", "plane" or "gicp". Static.

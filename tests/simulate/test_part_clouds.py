@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial import KDTree
 
 from cablejax.simulate import PARTS, Part, PartsConfig, make_part_split
-from cablejax.simulate.parts import GROUP
+from cablejax.simulate.part_clouds import GROUP
 
 CONFIG = PartsConfig(n_points=512, seed=3)
 
@@ -16,8 +16,7 @@ def split():
 
 
 def test_every_label_of_the_simulator_has_a_group():
-    values = [value for name, value in vars(Part).items() if name.isupper()]
-    assert sorted(values) == list(range(len(GROUP)))
+    assert [int(part) for part in Part] == list(range(len(GROUP)))
     assert set(GROUP) == set(range(len(PARTS)))
     assert GROUP[Part.OTHER_CABLE] == GROUP[Part.CABLE] == PARTS.index("cable")
 

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from cablejax.ops.largest import largest
+from cablejax.ops.maximum import largest
 
 
 def test_the_compiled_gradient_behind_a_normalisation_reaches_the_largest_of_every_cell():

@@ -1,4 +1,4 @@
-"""Steps under jit, for as long as the partners are certain: each source point carries its nearest target points along."""
+"""Steps under jit, for as long as the correspondences are certain: each source point carries its nearest target points along."""
 
 from functools import partial
 from typing import NamedTuple
@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from cablejax.registration.step import Kernel, Method, Pairs, Step, icp_step
+from cablejax.registration.gauss_newton import Kernel, Method, Pairs, Step, icp_step
 
 AHEAD = 2.0  # the tree is also asked for what would be in doubt after as long a way again: fewer, larger questions
 _PRECISION = jax.lax.Precision.HIGHEST
@@ -34,9 +34,9 @@ class Carried(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """When to pair, to stop and to leave a direction alone: `reach`, `least_move`, `least_share`, steps that are left."""
+    """When to pair, to stop and to leave a direction alone: `max_distance`, `least_move`, `least_share`, steps that are left."""
 
-    reach: Float[Array, ""]
+    max_distance: Float[Array, ""]
     least_move: Float[Array, ""]
     least_share: Float[Array, ""]
     steps: Int[Array, ""]
@@ -50,7 +50,7 @@ class State(NamedTuple):
         step: The last step made.
         done: Number of steps made.
         small: Whether the last one moved the points by less than `least_move`.
-        doubtful: Whether some point's partner is not certain at this motion.
+        doubtful: Whether some point's correspondence is not certain at this motion.
     """
 
     T_target_source: Float[Array, "4 4"]
@@ -65,7 +65,7 @@ def _moved(carried: Carried, T: Float[Array, "4 4"]) -> Float[Array, "3 n"]:
 
 
 def _nearest(carried: Carried, moved: Float[Array, "3 n"]) -> tuple[Array, Array, Array]:
-    """Squared distance, partner and its normal among the points carried; the earlier one where two are as near."""
+    """Squared distance, corresponding point and its normal among the points carried; the earlier one where two are as near."""
     best, target, normal = None, carried.near[0], carried.near_normal[0]
     for point, direction in zip(carried.near, carried.near_normal, strict=True):
         sq = jnp.sum((point - moved) ** 2, axis=0)
@@ -76,20 +76,22 @@ def _nearest(carried: Carried, moved: Float[Array, "3 n"]) -> tuple[Array, Array
     return best, target, normal
 
 
-def _doubt(carried: Carried, moved: Array, sq: Array, reach: Array, ahead: float = 1.0) -> Bool[Array, " n"]:
+def _doubt(carried: Carried, moved: Array, sq: Array, max_distance: Array, ahead: float = 1.0) -> Bool[Array, " n"]:
     """Where another target point may be nearer by now: the nearest carried one is no longer within what is known.
 
-    What is further than `reach` needs no partner, so it is enough to know that nothing is nearer than that.
+    What is further than `max_distance` needs no correspondence, so it is enough to know that nothing is nearer than that.
     """
     gone = jnp.sqrt(jnp.sum((moved - carried.asked) ** 2, axis=0))
-    return carried.valid & (jnp.minimum(jnp.sqrt(sq), reach) > carried.bound - ahead * gone)
+    return carried.valid & (jnp.minimum(jnp.sqrt(sq), max_distance) > carried.bound - ahead * gone)
 
 
 @jax.jit
-def doubtful(carried: Carried, T_target_source: Float[Array, "4 4"], reach: Float[Array, ""]) -> Bool[Array, " n"]:
-    """Points `[n]` whose partner is not certain at a motion."""
+def doubtful(
+    carried: Carried, T_target_source: Float[Array, "4 4"], max_distance: Float[Array, ""]
+) -> Bool[Array, " n"]:
+    """Points `[n]` whose correspondence is not certain at a motion."""
     moved = _moved(carried, T_target_source)
-    return _doubt(carried, moved, _nearest(carried, moved)[0], reach, AHEAD)
+    return _doubt(carried, moved, _nearest(carried, moved)[0], max_distance, AHEAD)
 
 
 def _orthonormal(T: Float[Array, "4 4"]) -> Float[Array, "4 4"]:
@@ -103,27 +105,27 @@ def _orthonormal(T: Float[Array, "4 4"]) -> Float[Array, "4 4"]:
 def steps(
     carried: Carried, T_target_source: Float[Array, "4 4"], limits: Limits, *, method: Method, kernel: Kernel
 ) -> State:
-    """Step until the motion is small, the steps are spent, fewer than six pairs are left, or a partner is in doubt.
+    """Step until the motion is small, the steps are spent, fewer than six pairs are left, or a correspondence is in doubt.
 
-    The partners are certain at the first step: the tree has just been asked there.
+    The correspondences are certain at the first step: the tree has just been asked there.
     """
 
     def once(state: State) -> State:
         T = state.T_target_source
         moved = _moved(carried, T)
         sq, target, normal = _nearest(carried, moved)
-        doubt = (state.done > 0) & _doubt(carried, moved, sq, limits.reach).any()
+        doubt = (state.done > 0) & _doubt(carried, moved, sq, limits.max_distance).any()
 
         def ask_first() -> State:
             return state._replace(small=jnp.bool_(False), doubtful=jnp.bool_(True))
 
         def make() -> State:
             turned = jnp.matmul(T[:3, :3], carried.source_normal, precision=_PRECISION)
-            weight = (carried.valid & (sq <= limits.reach**2)).astype(jnp.float32)
+            weight = (carried.valid & (sq <= limits.max_distance**2)).astype(jnp.float32)
             pairs = Pairs(moved, turned, target, normal, weight)
             step = icp_step(pairs, T, limits.least_share, method=method, kernel=kernel)
             enough = step.inliers >= 6
-            # Near its end a loop may go round among a few partners that are as good as each other: the pairs fit no better.
+            # Near its end a loop may go round among a few correspondences as good as each other: the pairs fit no better.
             around = (
                 (step.moved < 10 * limits.least_move) & (step.rmse >= state.step.rmse * (1 - 1e-6)) & (state.done > 0)
             )

@@ -7,8 +7,8 @@ import pytest
 
 from cablejax.simulate import PRESETS, Part, bare, catalogue, finish, make_tube, sheath_finish, simulate_scan
 from cablejax.simulate.beams import Beam, measure
-from cablejax.simulate.finish import GLARE_SINE
 from cablejax.simulate.presets import numbers_of
+from cablejax.simulate.sheath import GLARE_SINE
 
 RADIUS, STANDOFF, MANY = 20.0, 300.0, 20_000
 TUBE = make_tube("straight", diameter_mm=2 * RADIUS, length_mm=200.0)

@@ -1,13 +1,13 @@
-"""Sections of files that no sweep made: benchmarks, real scans, the attention of one trained network."""
+"""Sections of the benchmarks: speed, scaling, files, and the measurement beside known truth."""
 
+from experiments.analysis.benchmark import Benchmark
 from experiments.display.benchmarks import figures as benchmark_figures
 from experiments.display.benchmarks import speed_tables
 from experiments.display.benchmarks import tables as benchmark_tables
 from experiments.display.measurement import figures as measure_figures
 from experiments.display.measurement import parts_tables
 from experiments.display.measurement import tables as measure_tables
-from experiments.display.networks import attention
-from experiments.display.sections import Section, of
+from experiments.display.section import Section, of
 
 TIMED = (
     "benchmarks/neighbors_53135",
@@ -18,15 +18,9 @@ TIMED = (
     "benchmarks/simulate",
 )
 
-FURTHER = (
+BENCHMARKS: tuple[Section[Benchmark], ...] = (
     Section(
-        "Attention",
-        "The channel weights that a trained ADGCNN gives to three test cables, and the parts of the surface they favour.",
-        ("attention",),
-        (),
-        (of("attention", attention.surface),),
-    ),
-    Section(
+        Benchmark,
         "Speed",
         "Each kernel beside the library that people use for it, on the same data and in the same process.",
         (*TIMED, "benchmarks/filters"),
@@ -34,6 +28,7 @@ FURTHER = (
         (benchmark_figures.speed,),
     ),
     Section(
+        Benchmark,
         "Scaling",
         "From a hundred thousand points upwards.",
         ("benchmarks/scale",),
@@ -41,12 +36,14 @@ FURTHER = (
         (of("benchmarks/scale", benchmark_figures.scaling),),
     ),
     Section(
+        Benchmark,
         "Registration",
         "Two clouds onto each other, beside Open3D.",
         ("benchmarks/registration",),
         (speed_tables.registration,),
     ),
     Section(
+        Benchmark,
         "Denoising",
         "The adaptive filter on free-form shapes with public truth, and its defaults on cables of other sizes.",
         ("benchmarks/denoise", "benchmarks/cables"),
@@ -54,24 +51,28 @@ FURTHER = (
         (of("benchmarks/denoise", benchmark_figures.denoise),),
     ),
     Section(
+        Benchmark,
         "Simulator",
         "Training clouds a minute.",
         ("benchmarks/simulate",),
         (of("benchmarks/simulate", benchmark_tables.simulator),),
     ),
     Section(
+        Benchmark,
         "Files",
         "Good, odd and damaged files of every format.",
         ("benchmarks/parsers", "benchmarks/fuzz"),
         (of("benchmarks/parsers", benchmark_tables.readers), of("benchmarks/fuzz", benchmark_tables.damaged)),
     ),
     Section(
+        Benchmark,
         "Accuracy",
         "The diameter on simulated scans of every size, beside the straight cylinder that is commonly fitted.",
         ("benchmarks/measure",),
         (of("benchmarks/measure", measure_tables.accuracy),),
     ),
     Section(
+        Benchmark,
         "Coverage",
         "Whether the 95 % interval of the diameter holds the truth in 95 of 100 scans.",
         ("benchmarks/coverage",),
@@ -82,6 +83,7 @@ FURTHER = (
         ),
     ),
     Section(
+        Benchmark,
         "Real scans of known size",
         "Round things of known size under real scanners: which intervals hold, and what six of the scans look like.",
         ("benchmarks/real",),
@@ -92,18 +94,21 @@ FURTHER = (
         ),
     ),
     Section(
+        Benchmark,
         "A known scanner",
         "What the numbers of the scanner, where they are given, do for the diameter.",
         (parts_tables.PLAIN, parts_tables.KNOWN),
         (parts_tables.known_scanner,),
     ),
     Section(
-        "Parts",
-        "A network that labels the points of a scan by part, and what its labels do for the diameter.",
-        ("parts", parts_tables.BENCHMARK),
-        (of("parts", parts_tables.labels), of(parts_tables.BENCHMARK, parts_tables.measured)),
+        Benchmark,
+        "Cables among other things",
+        "What the labels of a network do for the diameter.",
+        (parts_tables.BENCHMARK,),
+        (of(parts_tables.BENCHMARK, parts_tables.measured),),
     ),
     Section(
+        Benchmark,
         "Real scans",
         "Round things from public test data.",
         ("benchmarks/measure",),

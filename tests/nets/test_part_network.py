@@ -7,7 +7,7 @@ import pytest
 from flax import nnx
 
 from cablejax.nets import PartNetwork, label_parts, labelling
-from cablejax.nets.parts import LOCAL_MM, local_shape
+from cablejax.nets.part_network import LOCAL_MM, local_shape
 
 N = 96
 

@@ -8,11 +8,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from cablejax.simulate.catalogue import Cable
 from cablejax.simulate.clutter import Cabling, Scene
-from cablejax.simulate.finish import finish as finish_of
+from cablejax.simulate.nominal import Cable
 from cablejax.simulate.presets import Scanner, numbers_of, scanner
 from cablejax.simulate.scenes import make_scene
+from cablejax.simulate.sheath import finish as finish_of
 from cablejax.simulate.surface import around, unit
 from cablejax.simulate.sweeps import choose_rows, hang_in_air, sweep_beams
 

@@ -14,8 +14,8 @@ from jaxtyping import Array, Bool, Float, Int
 from tqdm import tqdm
 
 from cablejax.simulate.accessories import Revolved, revolve, with_clamp, with_joint, with_stress_cone, with_termination
-from cablejax.simulate.catalogue import catalogue
 from cablejax.simulate.clutter import FLAT_MM, Neighbour, Plane, Scene, box, neighbour, support, tray
+from cablejax.simulate.nominal import catalogue
 from cablejax.simulate.pose import centred, rotation_of
 from cablejax.simulate.presets import PRESETS, numbers_of
 from cablejax.simulate.shapes import Tube, straight_run, two_bends
@@ -23,7 +23,7 @@ from cablejax.simulate.surface import Part, label
 from cablejax.simulate.sweeps import hang_in_air, sweep_beams
 
 PARTS = ("cable", "stray", "accessory", "fitting", "surroundings")
-GROUP = np.zeros(11, np.int32)  # of each `Part`, its place in PARTS; another cable is a cable
+GROUP = np.zeros(len(Part), np.int32)  # of each `Part`, its place in PARTS; another cable is a cable
 GROUP[Part.AIR] = 1
 GROUP[[Part.JOINT, Part.STRESS_CONE, Part.TERMINATION]] = 2
 GROUP[[Part.CLAMP, Part.SADDLE, Part.BRACKET]] = 3

@@ -5,8 +5,8 @@ import pytest
 
 from cablejax.measure import measure_cable
 from cablejax.measure.fit.axis import Place
-from cablejax.measure.fit.beams import incidence
-from cablejax.measure.fit.sweeps import at_the_edge, sweeps_of
+from cablejax.measure.fit.beam_noise import incidence
+from cablejax.measure.fit.sweep_labels import at_the_edge, sweeps_of
 
 SHIFT = np.array([[0.0, 0.0, 0.0], [0.0, 0.08, -0.1], [0.0, -0.05, 0.09]])
 

@@ -1,4 +1,4 @@
-"""Partners from a k-d tree on the host, asked again only for the points that have moved too far since.
+"""Correspondences from a k-d tree on the host, asked again only for the points that have moved too far since.
 
 A point that moved by d since the tree was asked has its nearest neighbour among the k found then as long as the nearest of
 them is within (distance to the k-th) - d. Close to the solution hardly any point is asked for a second time.
@@ -12,10 +12,10 @@ from jaxtyping import Bool, Float
 from scipy.spatial import KDTree
 
 from cablejax.geometry.normals import nearest
-from cablejax.registration.loop import Carried
+from cablejax.registration.steps import Carried
 
 CARRIED = 4  # nearest target points that each source point carries along
-FURTHER = 1.25  # reaches within which the tree looks: what lies beyond is not soon a partner
+FURTHER = 1.25  # maximum distances within which the tree looks: what lies beyond is not soon a corresponding point
 FAR = 1e9  # stands for no point; its square is finite in float32
 LEAST_SIZE = 2048
 
@@ -42,7 +42,7 @@ def padded_size(n: int) -> int:
     return size
 
 
-class Partners:
+class Correspondences:
     """What the source points carry along, and the tree to ask again.
 
     Points are in units of order one about an origin; the tree is in the caller's, which `scale` (origin, length) undoes.
@@ -54,11 +54,11 @@ class Partners:
         target: Oriented,
         tree: KDTree,
         *,
-        reach: float,
+        max_distance: float,
         scale: tuple[np.ndarray, float],
         capacity: int,
     ) -> None:
-        n, self._source, self._tree, self._reach = len(source.xyz), source.xyz, tree, reach
+        n, self._source, self._tree, self._max_distance = len(source.xyz), source.xyz, tree, max_distance
         self._origin, self._size = scale
         # One more point stands for none: the tree's row m.
         self._points = np.append(target.xyz.T, np.full((3, 1), FAR), axis=1).astype(np.float32)
@@ -79,8 +79,8 @@ class Partners:
         """Ask the tree for the points of `which`, or all of them, at a motion."""
         rows = slice(0, len(self._source)) if which is None else np.flatnonzero(which)
         moved = self._source[rows] @ T[:3, :3].T + T[:3, 3]
-        far = FURTHER * self._reach * self._size
-        distance, near = nearest(self._tree, self._origin + self._size * moved, k=CARRIED, reach=far)
+        far = FURTHER * self._max_distance * self._size
+        distance, near = nearest(self._tree, self._origin + self._size * moved, k=CARRIED, max_distance=far)
         near = np.ascontiguousarray(near.T)
         for axis in range(3):  # coordinate by coordinate: reads and writes of long rows
             self._near[:, axis, rows] = self._points[axis][near]

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from cablejax.measure.fit.axis import Place, spot
+from cablejax.measure.fit.axis import Place, point_at
 from cablejax.measure.fit.least_squares import CableFit
 
 BIN_DEG = 5.0
@@ -123,7 +123,7 @@ def beam_bias(fit: CableFit, sweep: Int[np.ndarray, " n"] | None) -> BeamBias:
     angle = np.arctan2(fit.place.v, fit.place.u)
     turned = incidence(angle, sweep)
     square = 0.0 if turned is None else np.tan(np.clip(turned, -LARGEST, LARGEST)) ** 2
-    bias = float(2 * fit.noise_mm**2 / fit.radius_mm * np.sum(fit.lever * (1 + 0.5 * square)))
+    bias = float(2 * fit.noise_mm**2 / fit.radius_mm * np.sum(fit.influence * (1 + 0.5 * square)))
     how = f"{100 * BEAM_DOUBT:.0f} % of the {bias:.2g} mm that were taken off for it"
     return BeamBias(bias, BEAM_DOUBT * abs(bias), how)
 
@@ -158,7 +158,7 @@ def rescanned(
     for sign in (1.0, -1.0):
         out, aside = fit.radius_mm + sign * noise[0], sign * noise[1]
         c, s = np.cos(angle[rows]), np.sin(angle[rows])
-        xyz = spot(fit.axis, Place(fit.place.s[rows], out * c - aside * s, out * s + aside * c))
+        xyz = point_at(fit.axis, Place(fit.place.s[rows], out * c - aside * s, out * s + aside * c))
         change.append(refit(xyz, rows).radius_mm - fit.radius_mm)
     return 2 * float(np.mean(change))
 
@@ -233,4 +233,4 @@ def _placed(
     toward = np.arctan2(fit.place.v[rows], fit.place.u[rows]) - turned
     u = depth * np.cos(toward) - aside * np.sin(toward)
     v = depth * np.sin(toward) + aside * np.cos(toward)
-    return spot(fit.axis, Place(fit.place.s[rows], u, v))
+    return point_at(fit.axis, Place(fit.place.s[rows], u, v))

@@ -12,10 +12,10 @@ from tqdm import tqdm
 from cablejax.train.batches import epoch_rows, make_plan
 from cablejax.train.config import TrainConfig
 from cablejax.train.engine import Engine
+from cablejax.train.fitting import TrainResult
 from cablejax.train.history import EpochRecord, best_epoch
-from cablejax.train.loop import TrainResult
 from cablejax.train.metrics import Clouds
-from cablejax.train.step import Compiled, Schedule, StepReport, TrainState, make_runner, rate_at
+from cablejax.train.update import Compiled, Schedule, StepReport, TrainState, make_runner, rate_at
 
 
 def fit_together(

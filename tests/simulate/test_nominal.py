@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cablejax.simulate import catalogue, nominal_probabilities, read_catalogue
-from cablejax.simulate.catalogue import tenth
+from cablejax.simulate.nominal import tenth
 
 
 def test_two_cables_by_hand():

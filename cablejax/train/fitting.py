@@ -16,10 +16,10 @@ from cablejax.train.config import TrainConfig
 from cablejax.train.engine import Engine, TrainingDiverged
 from cablejax.train.history import EpochRecord, best_epoch, given_up, out_of_patience
 from cablejax.train.metrics import Clouds
-from cablejax.train.pictures import log_attention, log_clouds
 from cablejax.train.placement import Placement
 from cablejax.train.resume import RunFolder, data_checksum
-from cablejax.train.step import TrainState
+from cablejax.train.tensorboard_views import log_attention, log_clouds
+from cablejax.train.update import TrainState
 
 TrainData = Clouds | Callable[[int], Clouds]
 
