@@ -263,6 +263,7 @@ def test_metrics_survive_their_line():
     kept = run_log.expanded(json.loads(json.dumps(run_log.compact(metrics))))
     assert kept["test_overall"] == pytest.approx(metrics["test_overall"], rel=1e-4)
     assert [epoch["epoch"] for epoch in kept["history"]] == [1, 2, 3, 4]
+    assert kept["first_losses"] == [2.0, 1.9]
     for old, new in zip(metrics["history"], kept["history"], strict=True):
         assert new["validation_loss"] == pytest.approx(old["validation_loss"], rel=1e-4)
     assert run_log.expanded(run_log.compact({"history": [], "error": "diverged"}))["history"] == []
