@@ -16,7 +16,7 @@ from experiments.harness.sources import combined, present
 from experiments.material.study_plan import PARTS, SEARCH, Job, config_of
 
 # Relative, of the loss of the first and the second update. Measured: docs/study.md.
-TOLERANCE = (1e-5, 1e-4)
+TOLERANCE = (1e-5, 1e-5)
 
 
 def sample(rows: list[Line]) -> Line | None:

@@ -120,7 +120,6 @@ PARTS = {
         1.8,
         adadelta(fresh=(), **{f"pool{pool}": (f"dataset.pool={pool}",) for pool in (1, 2, 4, 8)}),
         confirm=(),
-        final=tuple(range(10, 15)),
     ),
     # Figures 5-12. Images of the whole cable at 1 mm a pixel, of 1,024 points; ADGCNN has the same points and no fit.
     "networks": Part(
@@ -132,7 +131,7 @@ PARTS = {
             **{name: (f"model={name}", *IMAGES) for name in ("alexnet", "vgg16", "resnet50")},
         ),
         confirm=(),
-        final=tuple(range(10, 15)),
+        final=tuple(range(10, 17)),
         unused=(),
     ),
 }
