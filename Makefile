@@ -25,7 +25,12 @@ $(VENV)/.dev-stamp: requirements/dev.txt pyproject.toml | $(BIN)/python
 	@PYTHONWARNINGS=ignore $(PIP) install --no-deps --no-build-isolation -e .
 	@touch $@ $(VENV)/.run-stamp
 
-.PHONY: help setup setup-dev run test test-portable lint format check results reproduce verify tabulate tables paper-tables figures report notebooks lab lock clean
+$(VENV)/.docs-stamp: requirements/docs.txt $(VENV)/.run-stamp
+	@echo "Installing what the documentation is built with"
+	@$(PIP) install --require-hashes -r $<
+	@touch $@
+
+.PHONY: help setup setup-dev docs release run test test-portable lint format check results reproduce verify tabulate tables paper-tables figures report notebooks lab lock clean
 help: ## List every target
 	@grep -hE '^[a-zA-Z0-9_-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  %-22s %s\n", $$1, $$2}'
 	@printf "  %-22s Sweep and collect one table or figure (SIZE=smoke, quick or paper)\n" $(EXPERIMENTS)
@@ -34,7 +39,7 @@ setup: $(VENV)/.run-stamp ## Create .venv with what `make run` needs
 
 setup-dev: $(VENV)/.dev-stamp ## Create .venv with everything: tests, linters, notebooks, sweeps
 
-# The main job, or with SCAN=file the cleaning and measuring of your own scan. UNIT is that of the file.
+# The main job, or with SCAN=file the measuring of your own scan. UNIT is that of the file.
 UNIT ?= mm
 SIZE ?= quick
 ifdef SCAN
@@ -102,9 +107,11 @@ pretrain: $(VENV)/.run-stamp ## Train on ModelNet10 ($CABLEJAX_DATA), for fig13_
 	@$(BIN)/python -m experiments.pretrain size=$(SIZE)
 	@$(BIN)/python -m experiments.collect $@ --size $(SIZE)
 
-# The study of optimizers, hours in the background; docs/study.md. PART="standard_nofit standard_fit" for some of it, DRY=1 to see the cost.
-study: $(VENV)/.run-stamp ## Run what is missing of the study of optimizers (docs/study.md); PART=..., DRY=1 lists its cost
-	@code=0; $(BIN)/python -m experiments.study $(if $(PART),--part $(PART)) $(if $(DRY),--dry) || code=$$?; \
+# The study, an hour or two a day in the background; docs/study.md. PART="standard_nofit ablation" for some of it, MINUTES=110 to
+# begin no run after, CORE=1 to pin it, DRY=1 to see the cost.
+study: $(VENV)/.run-stamp ## Run what is missing of the study (docs/study.md); PART=..., MINUTES=110, DRY=1 lists its cost
+	@code=0; $(BIN)/python -m experiments.study $(if $(PART),--part $(PART)) $(if $(MINUTES),--minutes $(MINUTES)) \
+		$(if $(CORE),--core $(CORE)) $(if $(DRY),--dry) || code=$$?; \
 	$(if $(DRY),,[ $$code = 130 ] || $(BIN)/python -m experiments.study_results $(if $(PART),--part $(PART)) || true;) exit $$code
 
 attention: $(VENV)/.run-stamp ## Channel attention of a trained network: RUN=folder of a finished run of fig8_adgcnn
@@ -141,12 +148,22 @@ notebooks: $(VENV)/.dev-stamp ## Execute the notebooks on results/ and keep thei
 lab: $(VENV)/.dev-stamp ## Open the notebooks in Jupyter
 	@$(BIN)/jupyter lab --notebook-dir=.
 
+# Tutorials are executed and kept until their text changes; warnings, broken links and misspellings end the build.
+docs: $(VENV)/.docs-stamp ## Build the documentation into docs/_build/html (tutorials run; minutes the first time)
+	@$(BIN)/typos --config docs/typos.toml
+	@$(BIN)/python -m sphinx -b html -W --keep-going -q docs docs/_build/html
+	@echo "$(CURDIR)/docs/_build/html/index.html"
+
+release: $(VENV)/.dev-stamp ## Build and check sdist and wheel into dist/, with notes; nothing is uploaded (DRAFT=1 before it is ready)
+	@$(BIN)/python -m tools.release $(if $(DRAFT),--draft)
+
 COMPILE := $(BIN)/uv pip compile pyproject.toml --python-version 3.11 --universal --generate-hashes \
 	--no-emit-index-url --no-emit-find-links --no-annotate --no-header --quiet -c requirements/held.in
 lock: $(VENV)/.dev-stamp ## Resolve the locks in requirements/ anew (UPGRADE=1 to move versions)
 	$(COMPILE) $(if $(UPGRADE),--upgrade) --all-extras --group build --group dev -o requirements/dev.txt
 	$(COMPILE) --group build -c requirements/dev.txt -o requirements/runtime.txt
 	$(COMPILE) --group build --extra scan --extra study -c requirements/dev.txt -o requirements/study.txt
+	$(COMPILE) --group build --group docs --extra scan --extra study --extra cad -c requirements/dev.txt -o requirements/docs.txt
 
 clean: ## Remove runs, caches and the environment
-	rm -rf runs .jax_cache .pytest_cache .ruff_cache build *.egg-info $(VENV)
+	rm -rf runs .jax_cache .pytest_cache .ruff_cache build dist docs/_build docs/notebooks docs/reference/cablejax*.rst *.egg-info $(VENV)

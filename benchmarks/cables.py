@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks import record
 from cablejax.ops import adaptive_filter
 from cablejax.types import PointCloud
 
@@ -53,12 +54,8 @@ def main() -> None:
                 f"{row['diameter_bias_mm']:+11.4f}{row['width_mm']:8.3f}", flush=True,
             )  # fmt: skip
     if options.write:
-        from cablejax.io import provenance, write_json
-
-        RESULT.parent.mkdir(parents=True, exist_ok=True)
-        write_json(
-            RESULT, {"order": options.order, "points": POINTS, "rows": rows, "provenance": provenance(seeds=[7])}
-        )
+        config = {"order": options.order, "points": POINTS}
+        record.write(RESULT, {"rows": record.table(rows, config=config)}, seeds=[7], config=config)
 
 
 if __name__ == "__main__":

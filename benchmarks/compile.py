@@ -14,6 +14,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from benchmarks import record
+
 RESULT = Path("results/benchmarks/compile.json")
 OPERATIONS = "fusion|sort|scatter|dot|reduce|gather|while|conditional|call|convolution|custom-call"
 KERNELS = (
@@ -100,21 +102,18 @@ def main() -> None:
     if options.only:
         print(json.dumps(measure(options.only, options.points)))
         return
-    rows = {}
+    rows = []
     print(f"{'':26s}{'lines':>8s}{'kernels':>9s}{'trace':>8s}{'lower':>8s}{'compile':>9s}{'peak':>9s}")
     for name in KERNELS:
         command = [sys.executable, "-m", "benchmarks.compile", "--only", name, "--points", str(options.points)]
         out = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-        row = rows[name] = json.loads(out.splitlines()[-1])
+        row = {"kernel": name, **json.loads(out.splitlines()[-1])}
+        rows.append(row)
         seconds = "".join(f"{row[key]:{width}.1f}" for key, width in (("trace_s", 8), ("lower_s", 8), ("compile_s", 9)))
         print(f"{name:26s}{row['lines']:8d}{row['kernels']:9d}{seconds}{row['peak_mb']:6.0f} MB", flush=True)
     if options.write:
-        from cablejax.io.provenance import provenance, write_json
-
         config = {"points": options.points}
-        table = {"title": "compile", "config": config, "kernels": rows}
-        write_json(RESULT, {**table, "provenance": provenance(seeds=[], config=config)})
-        print(f"written to {RESULT}")
+        record.write(RESULT, {"kernels": record.table(rows, config=config)}, config=config)
 
 
 if __name__ == "__main__":

@@ -19,7 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from cablejax.io import provenance, write_json
+from benchmarks import record
+from cablejax.geometry.robust import COVERAGE
 
 PRESETS = ("line-laser", "paper-floor", "structured-light", "terrestrial", "ideal")
 SHAPES = ("straight", "bend", "s-bend", "catenary")
@@ -31,7 +32,7 @@ def one_scan(index: int, *, points: int, first_key: int, known: bool = False) ->
     """Simulate and measure; the error over its standard uncertainty, or the reason of a refusal."""
     import jax
 
-    from cablejax.cli.known import instrument
+    from cablejax.cli.measure_settings import instrument
     from cablejax.measure import MeasureError, MeasureSettings, measure_cable
     from cablejax.simulate import catalogue, simulate_scan
 
@@ -60,8 +61,8 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, float | int]:
     if not done:
         return out
     error, std = (np.array([row[name] for row in done]) for name in ("error_mm", "std_mm"))
-    n, share = len(done), float(np.mean(np.abs(error) < 1.96 * std))
-    middle, half = share + 1.92 / n, 1.96 * math.sqrt(share * (1 - share) / n + 0.96 / n**2)
+    n, share = len(done), float(np.mean(np.abs(error) < COVERAGE * std))
+    middle, half = share + 1.92 / n, COVERAGE * math.sqrt(share * (1 - share) / n + 0.96 / n**2)
     return out | {
         "coverage": share,
         "coverage_low": (middle - half) / (1 + 3.84 / n),
@@ -149,8 +150,8 @@ def main() -> None:
         print("  ".join(f"{k} {v:.4g}" if isinstance(v, float) else f"{k} {v}" for k, v in line.items()))
     if options.out:
         config = {"points": options.points, "scans": len(rows), "known": options.known}
-        kept = provenance(seeds=[options.first_key], config=config)
-        write_json(options.out, {"table": tables(rows), "scans": rows, "provenance": kept})
+        found = {"summary": record.table(tables(rows), config=config), "scans": record.table(rows)}
+        record.write(options.out, found, seeds=[options.first_key], config=config)
     if options.plot:
         draw(tables(rows), options.plot)
 

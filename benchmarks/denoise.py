@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
+from benchmarks import record
 from cablejax.ops import adaptive_filter
 from cablejax.types import PointCloud
 
@@ -124,11 +125,7 @@ def main() -> None:
                 f"{level} {name:32s} all {means[0]:7.3f}  tuned {means[1]:7.3f}  held out {means[2]:7.3f}", flush=True
             )
     if options.write:
-        from cablejax.io import provenance, write_json
-
-        RESULT.parent.mkdir(parents=True, exist_ok=True)
-        write_json(RESULT, {"rows": rows, "provenance": provenance(seeds=[])})
-        print(f"written to {RESULT}")
+        record.write(RESULT, {"rows": record.table(rows)})
 
 
 if __name__ == "__main__":

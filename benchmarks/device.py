@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks import record
 from benchmarks.device_kernels import KERNELS, Kernel
 
 ROUNDS, ENOUGH_S = 20, 1.0  # timed calls of each, unless they take longer than this together
@@ -110,13 +111,8 @@ def show(row: dict[str, Any]) -> None:
 
 def write(out: Path, rows: list[dict[str, Any]], seconds: float, reduced: bool) -> None:
     """Write all rows so far, the old file staying until the new one is whole."""
-    from cablejax.io.provenance import provenance, write_json
-
     config = {"seconds": seconds, "reduced": reduced}
-    out.parent.mkdir(parents=True, exist_ok=True)
-    write_json(
-        out, {"title": "device", "config": config, "kernels": rows, "provenance": provenance(seeds=[], config=config)}
-    )
+    record.write(out, {"kernels": record.table(rows, config=config)}, config=config)
 
 
 def _ended(rows: list[dict[str, Any]], seconds: float) -> int:

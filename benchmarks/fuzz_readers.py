@@ -24,9 +24,10 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks import record
 from benchmarks.fuzz_files import base_files
 from benchmarks.mutations import mutants, repair_e57
-from cablejax.io import PointFileError, child, provenance, read_points, write_json
+from cablejax.io import PointFileError, child, read_points
 
 HERE = Path(__file__).resolve().parent
 SECONDS = 20.0
@@ -162,7 +163,7 @@ def main() -> None:
     failures = sum(len(row["failures"]) for row in rows)
     print(f"{sum(row['tried'] for row in rows):,} damaged files, {failures} failures")
     options.output.parent.mkdir(parents=True, exist_ok=True)
-    write_json(options.output, {"rows": rows, "provenance": provenance(seeds=options.seed)})
+    record.write(options.output, {"rows": record.table(rows)}, seeds=[options.seed])
     sys.exit(1 if failures else 0)
 
 

@@ -11,7 +11,6 @@ are kept in the file. `benchmarks.coverage` looks at the interval.
 """
 
 import argparse
-import json
 import math
 import os
 import re
@@ -22,7 +21,9 @@ from pathlib import Path
 import jax
 import numpy as np
 
-from cablejax.io import provenance, read_points, write_json
+from benchmarks import record
+from cablejax.geometry.robust import COVERAGE
+from cablejax.io import read_points
 from cablejax.measure import MeasureError, measure_cable
 from cablejax.measure.find.cylinder import frame
 from cablejax.measure.find.hypotheses import find_candidates
@@ -82,7 +83,7 @@ def summary(rows: list[dict]) -> dict[str, float | int]:
     out |= {"rmse_mm": float(np.sqrt(np.mean(error**2))), "bias_mm": float(error.mean())}
     if "std_mm" in done[0]:
         std = np.array([row["std_mm"] for row in done])
-        out["coverage"] = float(np.mean(np.abs(error) < 1.96 * std))
+        out["coverage"] = float(np.mean(np.abs(error) < COVERAGE * std))
         out["mean_std_mm"] = float(std.mean())
         out["nominal_right"] = float(np.mean([row["nominal_right"] for row in done]))
     return out
@@ -235,14 +236,11 @@ def main() -> None:
         text = (f"{key} {value:.4g}" if isinstance(value, float) else str(value) for key, value in line.items())
         print("  ".join(text), flush=True)
     if options.out:
-        if Path(options.out).is_file():
-            mine = {line["row"] for line in table}
-            table = [
-                row for row in json.loads(Path(options.out).read_text())["table"] if row["row"] not in mine
-            ] + table
+        mine = {line["row"] for line in table}
+        table = [row for row in record.earlier_rows(options.out, "summary") if row["row"] not in mine] + table
         seeds = [1000 + index for index in range(options.scans)]
         config = {"preset": options.preset, "points": options.points}
-        write_json(options.out, {"table": table, "provenance": provenance(seeds=seeds, config=config)})
+        record.write(options.out, {"summary": record.table(table, config=config)}, seeds=seeds, config=config)
 
 
 if __name__ == "__main__":

@@ -15,7 +15,8 @@ import warnings
 from pathlib import Path
 from typing import Any
 
-from cablejax.io import PointFileError, provenance, read_points, write_json
+from benchmarks import record
+from cablejax.io import PointFileError, read_points
 
 POINT_FILES = (".las", ".laz", ".e57")
 
@@ -82,7 +83,7 @@ def main() -> None:
         f"{len(rows)} files, {sum(r['points'] is not None for r in rows)} read, {len(apart)} differ from the peer: {apart}"
     )
     options.output.parent.mkdir(parents=True, exist_ok=True)
-    write_json(options.output, {"rows": rows, "disagreements": apart, "provenance": provenance(seeds=[])})
+    record.write(options.output, {"files": record.table(rows), "disagreements": record.table(apart)})
     sys.exit(1 if apart else 0)
 
 

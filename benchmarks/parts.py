@@ -15,12 +15,13 @@ import jax
 import numpy as np
 from flax import nnx
 
+from benchmarks import record
 from cablejax.cli.checkpoint import read_run, restored
-from cablejax.io import provenance, write_json
+from cablejax.geometry.robust import COVERAGE
 from cablejax.measure import MeasureError, measure_cable
 from cablejax.nets import PartNetwork, label_parts
 from cablejax.simulate import catalogue, simulate_scan
-from cablejax.simulate.parts import GROUP
+from cablejax.simulate.part_clouds import GROUP
 
 SCENES = (
     "bend", "bend+clamp", "bend+wall", "bend+support", "two-cables", "trefoil", "bend+tray", "bend+clamp+tray", "joint",
@@ -72,7 +73,7 @@ def summary(rows: list[dict[str, Any]], way: str) -> dict[str, float | int | Non
     out: dict[str, float | int | None] = {"scans": len(rows), "refused": len(rows) - len(done)}
     error = np.array([abs(one["error_mm"]) for one in done])
     out["right"] = int(sum(abs(one["relative"]) < RIGHT for one in done))
-    out["holds"] = int(sum(abs(one["error_mm"]) < 1.96 * one["std_mm"] for one in done))
+    out["holds"] = int(sum(abs(one["error_mm"]) < COVERAGE * one["std_mm"] for one in done))
     out["median_mm"] = float(np.median(error)) if len(error) else None
     return out
 
@@ -85,11 +86,11 @@ def main() -> None:
     parser.add_argument("--scans", type=int, default=len(SCENES) * len(PRESETS) * len(ARCS))
     parser.add_argument("--out", help="JSON file to write")
     options = parser.parse_args()
-    record = read_run(options.checkpoint, trained="network that labels parts", by="experiments.parts", holds="parts")
-    config = record["config"]
+    run = read_run(options.checkpoint, trained="network that labels parts", by="experiments.parts", holds="parts")
+    config = run["config"]
     network = restored(
         options.checkpoint,
-        PartNetwork(len(record["metrics"]["parts"]), rngs=nnx.Rngs(0), **config["model"]["options"]),
+        PartNetwork(len(run["metrics"]["parts"]), rngs=nnx.Rngs(0), **config["model"]["options"]),
     )
     clouds = {name: config["parts"][name] for name in ("n_points", "ball_mm")}
     rows = []
@@ -112,12 +113,11 @@ def main() -> None:
     if options.out:
         used = {
             "points": options.points,
-            "network": record["code_revision"],
-            "training": record["metrics"]["test_overall"],
+            "network": run["code_revision"],
+            "training": run["metrics"]["test_overall"],
         }
-        write_json(
-            options.out, {"table": table, "scans": rows, "provenance": provenance(seeds=[FIRST_KEY], config=used)}
-        )
+        found = {"summary": record.table(table, config=used), "scans": record.table(rows)}
+        record.write(options.out, found, seeds=[FIRST_KEY], config=used)
 
 
 if __name__ == "__main__":

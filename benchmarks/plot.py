@@ -12,15 +12,17 @@ FIGURES = Path("results/figures")
 
 def draw_contenders(table: dict[str, Any], path: Path) -> None:
     """Bars of the medians, ours first, with the quartiles."""
-    rows = table["contenders"]
-    median = [1e3 * row["median_s"] for row in rows.values()]
-    low, high = zip(*(row["quartiles_s"] for row in rows.values()), strict=True)
+    rows = table["rows"]
+    median = [1e3 * row["median_s"] for row in rows]
+    low, high = zip(*(row["quartiles_s"] for row in rows), strict=True)
     error = [
         [m - 1e3 * q for m, q in zip(median, low, strict=True)],
         [1e3 * q - m for m, q in zip(median, high, strict=True)],
     ]
     figure, axes = plt.subplots(figsize=(6, 0.5 * len(rows) + 1.2), layout="constrained")
-    axes.barh(list(rows), median, xerr=error, color=["tab:orange"] + ["tab:gray"] * (len(rows) - 1))
+    axes.barh(
+        [row["contender"] for row in rows], median, xerr=error, color=["tab:orange"] + ["tab:gray"] * (len(rows) - 1)
+    )
     axes.invert_yaxis()
     axes.set_xlabel("ms, median and quartiles")
     axes.set_title(f"{table['title']}, {table['config']['points']:,} points, k = {table['config']['k']}")
@@ -49,11 +51,11 @@ def main() -> None:
     """Draw every result that there is."""
     FIGURES.mkdir(parents=True, exist_ok=True)
     for source in sorted(RESULTS.glob("*.json")):
-        table, path = json.loads(source.read_text()), FIGURES / f"benchmark_{source.stem}.png"
+        tables, path = json.loads(source.read_text())["tables"], FIGURES / f"benchmark_{source.stem}.png"
         if source.stem == "scale":
-            draw_scale(table, path)
-        elif "contenders" in table and "points" in table["config"]:
-            draw_contenders(table, path)
+            draw_scale(tables["rows"], path)
+        elif "contenders" in tables and "points" in tables["contenders"]["config"]:
+            draw_contenders(tables["contenders"], path)
         else:
             continue
         print(path)

@@ -15,7 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from cablejax.io import import_open3d, provenance, read_points, write_json, write_points
+from benchmarks import record
+from cablejax.io import import_open3d, read_points, write_points
 
 POINTS = 53_135
 ENDINGS = ("ply", "pcd", "xyz", "csv", "las", "laz")
@@ -82,8 +83,8 @@ def main() -> None:
             )
     print(f"importing open3d took {open3d_import:.2f} s")
     if options.output is not None:
-        content = {"rows": rows, "points": POINTS, "rounds": options.rounds, "open3d_import_seconds": open3d_import}
-        write_json(options.output, content | {"provenance": provenance(seeds=0)})
+        config = {"points": POINTS, "rounds": options.rounds, "open3d_import_seconds": open3d_import}
+        record.write(options.output, {"rows": record.table(rows, config=config)}, seeds=[0], config=config)
 
 
 if __name__ == "__main__":

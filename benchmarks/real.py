@@ -20,7 +20,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from cablejax.io import provenance, write_json
+from benchmarks import record
 
 LIMIT_S = 120.0
 GRADES = ("A", "B", "C", "R", "")
@@ -200,10 +200,9 @@ def main() -> None:
             )
         )
     if options.out:
-        kept = provenance(
-            seeds=[options.seed], config={"limit_s": options.limit, "only": options.only, "stations": options.stations}
-        )
-        write_json(options.out, {"table": summary(rows), "scans": rows, "provenance": kept})
+        config = {"limit_s": options.limit, "only": options.only, "stations": options.stations}
+        found = {"summary": record.table(summary(rows), config=config), "scans": record.table(rows)}
+        record.write(options.out, found, seeds=[options.seed], config=config)
 
 
 if __name__ == "__main__":

@@ -5,14 +5,13 @@
 Two sources of clouds: the LiDAR pair of small_gicp (MIT) from the identity, whole and thinned at random to 10,000 points;
 and two stations of a simulated cable with two bends, 10,000 to 1,000,000 points each, from 2.5 mm and 1 degree off. Such
 a cable shows 0.3 % of a motion along its length; `least_share` is set to 0.1 %, so that ours moves along it as the others
-do, and the error is the one across the cable. All contenders thin to the same voxels,
-level by level, and pair within the same reach; normals come from 20 neighbours (ours from those within 2.5 voxels where
-there are enough), and of the target alone for point-to-plane. Rounds take turns and draw other points. The first call of
+do, and the error is the one across the cable. All contenders thin to the same voxels, level by level, and pair within the
+same maximum distance; normals come from 20 neighbours (ours from those within 2.5 voxels where there are enough), and of
+the target alone for point-to-plane. Rounds take turns and draw other points. The first call of
 a size and the first one on other clouds of about that size are given apart, since compilation is in them.
 """
 
 import argparse
-import json
 import os
 import time
 from collections.abc import Callable, Iterator
@@ -22,7 +21,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from cablejax.io import import_open3d, provenance, read_points, write_json
+from benchmarks import record
+from cablejax.io import import_open3d, read_points
 from cablejax.registration import register
 
 RESULT = Path("results/benchmarks/registration.json")
@@ -31,15 +31,15 @@ REST_S = 0.05  # before each run, in which the threads of the library before com
 
 
 class Task(NamedTuple):
-    """Two clouds `[n, 3]`, the true motion, where to begin, voxels coarse to fine, reach in voxels, the unit in mm, and the
-    point and the axes (of the source) at which the error counts."""
+    """Two clouds `[n, 3]`, the true motion, where to begin, voxels coarse to fine, maximum distance in voxels, the unit in
+    mm, and the point and the axes (of the source) at which the error counts."""
 
     source: np.ndarray
     target: np.ndarray
     truth: np.ndarray
     start: np.ndarray
     voxels: tuple[float, ...]
-    reach: float
+    max_distance_voxels: float
     unit_mm: float
     at: np.ndarray
     axes: tuple[int, ...]
@@ -93,8 +93,8 @@ def stations(n: int, voxels: tuple[float, ...]) -> Callable[[int], Task]:
 def ours(task: Task, method: Any) -> np.ndarray:
     """`cablejax.registration.register`."""
     found = register(
-        task.source, task.target, voxels=task.voxels, reach=task.reach, T_init=task.start, method=method,
-        least_share=task.least_share,
+        task.source, task.target, voxels=task.voxels, max_distance_voxels=task.max_distance_voxels, T_init=task.start,
+        method=method, least_share=task.least_share,
     )  # fmt: skip
     return found.T_target_source
 
@@ -119,7 +119,7 @@ def open3d_contender() -> Contender:
             for cloud in thin[1:] if plane else thin:
                 cloud.estimate_normals(o3d.geometry.KDTreeSearchParamKNN(20))
             criteria = pipeline.ICPConvergenceCriteria(max_iteration=60)
-            T = align(thin[0], thin[1], task.reach * voxel, T, estimation, criteria).transformation
+            T = align(thin[0], thin[1], task.max_distance_voxels * voxel, T, estimation, criteria).transformation
         return np.asarray(T)
 
     return run
@@ -140,7 +140,7 @@ def small_gicp_contender() -> Contender | None:
             source, _ = small_gicp.preprocess_points(task.source, voxel, num_neighbors=20, num_threads=threads)
             kind = "PLANE_ICP" if method == "plane" else "GICP"
             found = small_gicp.align(
-                target, source, tree, T, registration_type=kind, max_correspondence_distance=task.reach * voxel,
+                target, source, tree, T, registration_type=kind, max_correspondence_distance=task.max_distance_voxels * voxel,
                 num_threads=threads, max_iterations=60,
             )  # fmt: skip
             T = found.T_target_source
@@ -229,15 +229,10 @@ def main() -> None:
                 )  # fmt: skip
     if options.write:
         config = {"rounds": options.rounds}
-        RESULT.parent.mkdir(parents=True, exist_ok=True)
-        if RESULT.is_file():
-            measured = {(row["clouds"], row["points"]) for row in rows}
-            old = json.loads(RESULT.read_text())["rows"]
-            rows = sorted(
-                [row for row in old if (row["clouds"], row["points"]) not in measured] + rows,
-                key=lambda row: (row["clouds"], row["points"]),
-            )
-        write_json(RESULT, {"rows": rows, "provenance": provenance(seeds=[7], config=config)})
+        measured = {(row["clouds"], row["points"]) for row in rows}
+        kept = [row for row in record.earlier_rows(RESULT, "rows") if (row["clouds"], row["points"]) not in measured]
+        rows = sorted(kept + rows, key=lambda row: (row["clouds"], row["points"]))
+        record.write(RESULT, {"rows": record.table(rows, config=config)}, seeds=[7], config=config)
 
 
 if __name__ == "__main__":

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks import record
 from benchmarks.timing import half_cylinder, open3d_module
 
 RESULT = Path("results/benchmarks/scale.json")
@@ -105,11 +106,8 @@ def main() -> None:
     names = ("cablejax", "open3d", "scipy search", "pykdtree search")
     rows = [row_of(name, n) for n in options.sizes for name in names]
     if options.write:
-        from cablejax.io.provenance import provenance, write_json
-
-        RESULT.parent.mkdir(parents=True, exist_ok=True)
         config = {"sizes": options.sizes, "k": K}
-        write_json(RESULT, {"rows": rows, "provenance": provenance(seeds=[0], config=config)})
+        record.write(RESULT, {"rows": record.table(rows, config=config)}, seeds=[0], config=config)
 
 
 if __name__ == "__main__":

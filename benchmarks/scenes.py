@@ -13,13 +13,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from cablejax.io import provenance, write_json
+from benchmarks import record
 from cablejax.measure import CableScene, MeasureError, measure_cables
 from cablejax.report import cables_picture
 from cablejax.simulate import catalogue
 from cablejax.simulate.clutter import Scene, box, neighbour, trefoil
 from cablejax.simulate.presets import scanner
-from cablejax.simulate.scanner import scan_scene
+from cablejax.simulate.scan import scan_scene
 from cablejax.simulate.shapes import make_tube
 from cablejax.simulate.surface import Part
 
@@ -98,7 +98,7 @@ def main() -> None:
             rows.append({**row, "cpu_s": time.process_time() - start})
             print(rows[-1], flush=True)
     if options.out:
-        write_json(options.out, {"scenes": rows, "provenance": provenance(seeds=list(range(options.seeds)), config={})})
+        record.write(options.out, {"scenes": record.table(rows)}, seeds=range(options.seeds))
 
 
 if __name__ == "__main__":

@@ -18,8 +18,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from benchmarks import record
 from benchmarks.timing import alternate, open3d_module
-from cablejax.io import provenance, write_json
 from cablejax.simulate import DatasetConfig, bare, make_tube, sample_clouds
 from cablejax.simulate.beams import Beam, aim, cast
 from cablejax.simulate.clouds import VERSIONS
@@ -57,7 +57,7 @@ def raycaster(open3d: Any, bend_mm: float, radius_mm: float, exactness: str) -> 
     return scene
 
 
-def table(title: str, runs: Mapping[str, Callable[[], Any]], config: Mapping[str, Any]) -> dict[str, Any]:
+def raced(title: str, runs: Mapping[str, Callable[[], Any]], config: Mapping[str, Any]) -> dict[str, Any]:
     """`alternate` with the time of each contender's first call taken here."""
     first = {}
     for name, run in runs.items():
@@ -76,16 +76,14 @@ def casting(open3d: Any, rounds: int) -> dict[str, Any]:
     runs: dict[str, Callable[[], Any]] = {"cablejax": lambda: jax.block_until_ready(ours(scene, beams))}
     for name, caster in theirs.items():
         runs[f"open3d {name}"] = lambda caster=caster: caster.cast_rays(rays)["t_hit"].numpy()
-    result = table("casting", runs, {"beams": BEAMS, "rounds": rounds})
+    result = raced("casting", runs, {"beams": BEAMS, "rounds": rounds})
     echo = ours(scene, beams)
     for name, caster in theirs.items():
         found = caster.cast_rays(rays)["t_hit"].numpy()
         both = np.asarray(echo.hit) & np.isfinite(found)
         gap = np.abs(np.asarray(echo.range_mm) - found)[both] * np.asarray(echo.cosine)[both]
-        result["contenders"][f"open3d {name}"] |= {
-            "largest_difference_mm": float(gap.max()),
-            "both_hit": float(both.mean()),
-        }
+        row = next(row for row in result["rows"] if row["contender"] == f"open3d {name}")
+        row |= {"largest_difference_mm": float(gap.max()), "both_hit": float(both.mean())}
         print(f"{name}: both hit {both.mean():.1%}, largest difference along the normal {gap.max():.1e} mm")
     return result
 
@@ -107,8 +105,8 @@ def batch(open3d: Any, rounds: int) -> dict[str, Any]:
             raycaster(open3d, bend, radius, exactness).cast_rays(ray)["t_hit"].numpy()
 
     runs = {"cablejax": lambda: jax.block_until_ready(ours(scenes, stacked)), "open3d coarse": lambda: theirs("coarse")}
-    result = table("clouds of noise-free points", runs, {"clouds": CLOUDS, "beams_each": CLOUD_BEAMS, "rounds": rounds})
-    for row in result["contenders"].values():
+    result = raced("clouds of noise-free points", runs, {"clouds": CLOUDS, "beams_each": CLOUD_BEAMS, "rounds": rounds})
+    for row in result["rows"]:
         row["clouds_per_second"] = CLOUDS / row["median_s"]
     return result
 
@@ -141,10 +139,12 @@ def main() -> None:
     open3d, rounds = open3d_module(), options.rounds
     device = jax.devices()[0].device_kind
     print(f"device {device}")
-    result = {"device": device, "casting": casting(open3d, rounds), "batch": batch(open3d, rounds)}
-    result["training_clouds"] = training_clouds(rounds)
-    options.output.parent.mkdir(parents=True, exist_ok=True)
-    write_json(options.output, {**result, "provenance": provenance(seeds=[0], config={"rounds": rounds})})
+    found = {
+        "casting": casting(open3d, rounds),
+        "batch": batch(open3d, rounds),
+        "training_clouds": record.table(training_clouds(rounds), config={"device": device}),
+    }
+    record.write(options.output, found, seeds=[0], config={"rounds": rounds})
 
 
 if __name__ == "__main__":

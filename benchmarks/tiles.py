@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks import record
 from benchmarks.timing import half_cylinder
 
 RESULT = Path("results/benchmarks/tiles.json")
@@ -70,10 +71,8 @@ def main() -> None:
             flush=True,
         )
     if options.write:
-        from cablejax.io import provenance, write_json
-
-        RESULT.parent.mkdir(parents=True, exist_ok=True)
-        write_json(RESULT, {"rows": rows, "provenance": provenance(seeds=[0], config=vars(options))})
+        config = vars(options)
+        record.write(RESULT, {"rows": record.table(rows, config=config)}, seeds=[0], config=config)
 
 
 if __name__ == "__main__":

@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks import record
+
 SETTLE_S = 2.0
 
 
@@ -65,7 +67,7 @@ def alternate(
         path: Where to write the result, None for nowhere.
 
     Returns:
-        The table as written.
+        The table as written, a row each contender, ours first.
     """
     seconds: dict[str, list[float]] = {name: [] for name in runs}
     for run in runs.values():
@@ -80,25 +82,22 @@ def alternate(
             seconds[name].append(time.perf_counter() - start)
     median = {name: float(np.median(times)) for name, times in seconds.items()}
     ours = next(iter(runs))
-    rows = {
-        name: {
+    rows = [
+        {
+            "contender": name,
             "median_s": median[name],
             "quartiles_s": [float(q) for q in np.percentile(times, [25, 75])],
             "first_call_extra_s": max(0.0, first_s[name] - median[name]),
             "ours_over_this": median[ours] / median[name],
         }
         for name, times in seconds.items()
-    }
+    ]
     print(f"{title}: {config}")
     print(f"{'':24s}{'median':>10s}{'first call':>12s}{'ours / this':>13s}")
-    for name, row in rows.items():
+    for row in rows:
         extra, ratio = row["first_call_extra_s"], row["ours_over_this"]
-        print(f"{name:24s}{1e3 * row['median_s']:8.1f} ms{extra:10.2f} s{ratio:12.2f}x")
-    table = {"title": title, "config": dict(config), "contenders": rows}
+        print(f"{row['contender']:24s}{1e3 * row['median_s']:8.1f} ms{extra:10.2f} s{ratio:12.2f}x")
+    found = record.table(rows, title=title, config=config)
     if path is not None:
-        from cablejax.io.provenance import provenance, write_json
-
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_json(path, {**table, "provenance": provenance(seeds=[0], config=dict(config))})
-        print(f"written to {path}")
-    return table
+        record.write(path, {"contenders": found}, seeds=[0], config=config)
+    return found

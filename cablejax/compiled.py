@@ -61,6 +61,22 @@ def keep_compiled() -> Path | None:
     return folder
 
 
+def trace_store() -> "ProgramStore | None":
+    """Where traces are kept: with the compiled programs; None where those are not kept."""
+    import jax
+
+    given = jax.config.values["jax_compilation_cache_dir"]
+    if not given:
+        return None
+    folder, root = Path(given), cache_root()
+    if root is not None and folder.parent == root:
+        return ProgramStore(folder, root)
+    folder = folder / "traces"  # not ours: nothing else in it is bounded
+    with contextlib.suppress(OSError):
+        folder.mkdir(parents=True, exist_ok=True)
+    return ProgramStore(folder, folder.parent)
+
+
 def cache_root() -> Path | None:
     """The folder of all processors' programs; None where the user wants none."""
     given = os.environ.get(VARIABLE)

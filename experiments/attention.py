@@ -20,7 +20,7 @@ from jaxtyping import Array, Bool, Float
 from cablejax.io import read_json, write_json
 from cablejax.nets.adgcnn import ADGCNN
 from cablejax.nets.aedgeconv import AEdgeConv
-from cablejax.nets.pose import pose_clouds
+from cablejax.nets.input_channels import pose_clouds
 from experiments.collect import flatten
 from experiments.harness import schema
 from experiments.harness.revision import code_revision

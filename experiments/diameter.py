@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from cablejax.geometry.robust import robust_std
 from cablejax.measure import measure_cable
 from cablejax.report import thin
 from cablejax.simulate import Scan, catalogue
@@ -45,7 +46,7 @@ def view(scan: Scan, clouds: dict[str, np.ndarray]) -> dict[str, Any]:
         result[name] = {"xyz_mm": np.round(xyz[rows], 3).tolist(), "deviation_mm": np.round(signed[rows], 3).tolist()}
         across = section_coordinates_mm(scan, xyz)
         result["section"][name] = np.round(across[np.abs(across[:, 2]) < SLICE_MM / 2, :2], 3).tolist()
-        result["scale_mm"] = result.get("scale_mm", float(np.median(np.abs(signed)) * 1.4826))
+        result["scale_mm"] = result.get("scale_mm", robust_std(signed))
     return result
 
 

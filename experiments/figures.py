@@ -9,15 +9,14 @@ from pathlib import Path
 from cablejax.io import atomic_write
 from cablejax.report import figure_style, png_bytes
 from experiments.display.drawing import Drawing
-from experiments.display.further_sections import FURTHER
-from experiments.display.sections import SECTIONS, all_figures
+from experiments.display.sections import SHOWN, all_figures
 
 
 def write_figures(folder: Path, out: Path) -> list[Path]:
     """Draw each figure that a results folder allows and write it as `<out>/<name>.png`."""
     out.mkdir(parents=True, exist_ok=True)
     with figure_style():
-        return [_write(drawing, out) for drawing in all_figures(folder, SECTIONS + FURTHER)]
+        return [_write(drawing, out) for drawing in all_figures(folder, SHOWN)]
 
 
 def _write(drawing: Drawing, out: Path) -> Path:

@@ -81,23 +81,35 @@ def _split(xyz: np.ndarray, label: np.ndarray, rows: np.ndarray) -> Split:
 
 
 def run(cfg: Config, folder: Path) -> dict[str, Any]:
-    """Train, choose the epoch on validation; with `training.test` another tenth of the training clouds tests it."""
+    """Train in a folder: checkpoints to go on from, curves for TensorBoard."""
+    with RunLogger(folder / "tensorboard") as log:
+        return measured(cfg, folder, log)
+
+
+def measured(cfg: Config, folder: Path | None = None, log: RunLogger | None = None) -> dict[str, Any]:
+    """Train, choose the epoch on validation; with `training.test` another tenth of the training clouds tests it.
+
+    Args:
+        cfg: The whole configuration.
+        folder: Where a killed run is gone on with; None keeps nothing.
+        log: Where curves go; None draws none.
+    """
     train, held, names = modelnet(cfg.dataset.n_points, cfg.seed, held_out=2)
     validation = held[0]
     if not cfg.training.test:  # what is not tested on is trained on
         train, (validation,), _ = modelnet(cfg.dataset.n_points, cfg.seed)
     options = {**cfg.model.options, **({"pose": "none"} if cfg.model.name in ("adgcnn", "dgcnn", "pointnet") else {})}
     model = build_model(cfg.model.name, len(names), rngs=nnx.Rngs(cfg.seed), **options)
-    with RunLogger(folder / "tensorboard") as log:
-        try:
-            result = fit(model, passing(train, cfg), validation, training_config(cfg), folder=folder, logger=log)
-        except TrainingDiverged as error:
-            if not cfg.training.keep_diverged:
-                raise
-            return diverged(cfg, error)
+    try:
+        result = fit(model, passing(train, cfg), validation, training_config(cfg), folder=folder, logger=log)
+    except TrainingDiverged as error:
+        if not cfg.training.keep_diverged:
+            raise
+        return diverged(cfg, error)
     test = evaluate(result.model, held[1]) if cfg.training.test else None
     best = result.history[result.best_epoch - 1]
     return {
+        "learning_rate": cfg.optimizer.learning_rate,
         "history": [asdict(epoch) for epoch in result.history],
         "best_epoch": result.best_epoch,
         "validation_overall": best.validation_overall,

@@ -11,8 +11,8 @@ from cablejax.report import Page, figure_style, point_scene
 from experiments.analysis.results import Results
 from experiments.display.claims import verdict_table
 from experiments.display.filtering.figures import scan_clouds
-from experiments.display.further_sections import FURTHER
-from experiments.display.sections import SECTIONS, Section
+from experiments.display.section import Section
+from experiments.display.sections import SECTIONS, SHOWN
 
 INTRODUCTION = (
     "Made from results files alone. Every number states the size of its run and its seeds; where the paper gives a number, it "
@@ -31,16 +31,11 @@ def build(folder: Path) -> Page:
     page.text(INTRODUCTION)
     everything: dict[str, Results] = {}
     for section in SECTIONS:
-        found = section.read(folder)
-        if found:
-            everything |= found
-            _add_section(page, section, found)
-    for section in FURTHER:
-        found = section.read(folder)
-        if found:
-            _add_section(page, section, found)
+        everything |= section.read(folder)
     if not everything:
         raise FileNotFoundError(f"{folder}: no results file; run `make run` or collect an experiment first")
+    for section in SHOWN:
+        _add_section(page, section, folder)
     claims = verdict_table(folder)
     if claims is not None:
         page.section("Verdicts", "What the paper claims, and whether it holds here.")
@@ -49,19 +44,18 @@ def build(folder: Path) -> Page:
     return page
 
 
-def _add_section(page: Page, section: Section, found: dict[str, Results]) -> None:
+def _add_section(page: Page, section: Section, folder: Path) -> None:
+    found = section.read(folder)
+    if not found:
+        return
     page.section(section.title, section.text)
-    for maker in section.tables:
-        table = maker(found)
-        if table is not None:
-            page.table(table.header, table.rows, caption=f"{table.title}. {table.caption}", groups=table.groups)
+    for table in section.made_tables(folder):
+        page.table(table.header, table.rows, caption=f"{table.title}. {table.caption}", groups=table.groups)
     with figure_style():
-        for draw in section.figures:
-            drawing = draw(found)
-            if drawing is not None:
-                page.figure(drawing.figure, alt=drawing.alt, caption=drawing.caption)
-    if "diameter" in found:
-        clouds, look = scan_clouds(found["diameter"])
+        for drawing in section.made_figures(folder):
+            page.figure(drawing.figure, alt=drawing.alt, caption=drawing.caption)
+    if isinstance(scan := found.get("diameter"), Results):
+        clouds, look = scan_clouds(scan)
         page.scene(
             point_scene(clouds, **look),
             caption="The same scan to turn and zoom, thinned. Colour: signed distance to the true surface.",
@@ -72,14 +66,14 @@ def _add_provenance(page: Page, found: dict[str, Results]) -> None:
     page.section("Provenance", "Which code made the numbers, on what, from which seeds.")
     rows = []
     for name, results in found.items():
-        raw = results.raw
-        seeds = ", ".join(map(str, raw["seeds"]))
-        rows.append([name, raw["size"], seeds, len(raw["runs"]), f"{raw['seconds']:,.0f}", raw["code_revision"][:12]
-                     + (" + uncommitted" if "+" in raw["code_revision"] else "")])  # fmt: skip
+        revision = results.code_revision
+        code = revision[:12] + (" + uncommitted" if "+" in revision else "")
+        seeds = ", ".join(map(str, results.seeds))
+        rows.append([name, results.size, seeds, len(results.runs), f"{results.seconds:,.0f}", code])
     page.table(
         ["Experiment", "size", "seeds", "runs", "seconds", "code revision"], rows, caption="One row per results file."
     )
-    details = next(iter(found.values())).raw["provenance"]
+    details = next(iter(found.values())).provenance
     flat = [[key, _plain(value)] for key, value in details.items()]
     page.table(["Environment", "value"], flat, caption="As recorded by the first experiment.")
 

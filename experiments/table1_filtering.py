@@ -32,8 +32,9 @@ def run(cfg: Config, folder: Path) -> dict[str, Any]:
         PointCloud.from_xyz(scan.xyz_mm),
         repeats=cfg.timing_repeats,
     )
-    keep = np.asarray(cleaned.mask)
-    signed = signed_distance_mm(scan, np.asarray(cleaned.xyz))[keep]
+    rows = len(scan.xyz_mm)  # what follows is padding
+    keep = np.asarray(cleaned.mask)[:rows]
+    signed = signed_distance_mm(scan, np.asarray(cleaned.xyz)[:rows])[keep]
     return {
         "points": int(keep.size),
         "remaining": int(keep.sum()),

@@ -20,9 +20,9 @@ def run(cfg: Config, folder: Path) -> dict[str, Any]:
     scan = make_scan(cfg.scan, cfg.noise, seed=cfg.seed)
     raw = np.asarray(scan.xyz_mm)
     cleaned, timing = timed(make_cleaner(cfg.filter), PointCloud.from_xyz(raw), repeats=1)
-    keep = np.asarray(cleaned.mask)
+    keep = np.asarray(cleaned.mask)[: len(raw)]  # what follows is padding
     before = Deviation.of(signed_distance_mm(scan, raw)[keep], tolerance_mm=cfg.tolerance_mm)
-    signed = signed_distance_mm(scan, np.asarray(cleaned.xyz))[keep]
+    signed = signed_distance_mm(scan, np.asarray(cleaned.xyz)[: len(raw)])[keep]
     after = Deviation.of(signed, tolerance_mm=cfg.tolerance_mm)
     return {
         "before": before._asdict(),

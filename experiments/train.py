@@ -13,33 +13,44 @@ from cablejax.simulate import Split
 from cablejax.train import Metrics, TrainingDiverged, TrainResult, evaluate
 from experiments.harness import app
 from experiments.harness.schema import Config
-from experiments.material.baseline import baseline
-from experiments.material.training import clouds_of, diverged, fitted, held_out
+from experiments.material.training import clouds_of, diverged, fit_on_test, fitted, held_out
 
 
 def run(cfg: Config, folder: Path) -> dict[str, Any]:
-    """Train, choose the epoch on validation, and touch the test split once, or not at all while tuning."""
-    labels = [f"{size:g}" for size in cfg.dataset.sizes_mm2]
+    """Train in a folder: checkpoints to go on from, curves for TensorBoard."""
     with RunLogger(folder / "tensorboard") as log:
-        try:
-            result = fitted(cfg, folder, log)
-        except TrainingDiverged as error:
-            if not cfg.training.keep_diverged:
-                raise
-            return diverged(cfg, error)
-        metrics = outcome(cfg, result)
-        if cfg.training.test:
-            split = held_out(cfg, "test")
-            test = evaluate(result.model, split)
+        return measured(cfg, folder, log)
+
+
+def measured(cfg: Config, folder: Path | None = None, log: RunLogger | None = None) -> dict[str, Any]:
+    """Train, choose the epoch on validation, and touch the test split once, or not at all while tuning.
+
+    Args:
+        cfg: The whole configuration.
+        folder: Where a killed run is gone on with; None keeps nothing.
+        log: Where curves go; None draws none.
+    """
+    labels = [f"{size:g}" for size in cfg.dataset.sizes_mm2]
+    try:
+        result = fitted(cfg, folder, log)
+    except TrainingDiverged as error:
+        if not cfg.training.keep_diverged:
+            raise
+        return diverged(cfg, error)
+    metrics = outcome(cfg, result)
+    if cfg.training.test:
+        split = held_out(cfg, "test")
+        test = evaluate(result.model, split)
+        if log is not None:
             _log_outcome(log, cfg, test, split, labels)
-            metrics |= {
-                "test_overall": test.overall,
-                "test_class_average": test.class_average,
-                "test_loss": test.loss,
-                "test_confusion": test.confusion.tolist(),
-                **baseline(split, clouds_of(cfg.dataset, 1).diameters_mm),
-                **({} if test.diameter is None else {f"test_{k}": v for k, v in test.diameter._asdict().items()}),
-            }
+        metrics |= {
+            "test_overall": test.overall,
+            "test_class_average": test.class_average,
+            "test_loss": test.loss,
+            "test_confusion": test.confusion.tolist(),
+            **fit_on_test(clouds_of(cfg.dataset, cfg.dataset.test_per_class), cfg.dataset.filtered),
+            **({} if test.diameter is None else {f"test_{k}": v for k, v in test.diameter._asdict().items()}),
+        }
     return metrics | {"labels_mm2": labels}
 
 

@@ -2,6 +2,9 @@
 
     python -m experiments.verify [NAME ...]
 
+Of the study, `python -m experiments.verify study` replays the first epoch of one run a part where its sources have changed,
+and accepts them for all runs where it agrees.
+
 Timings are not compared. Matrix products and sums differ in their last bits between processors, numbers of threads and
 versions of jax, so every experiment states a tolerance; training amplifies such bits, so its accuracies get a wide one.
 The bend radius of a straight cable is the inverse of next to nothing: it is compared as what it says of the axis, by how
@@ -22,8 +25,11 @@ from experiments.analysis.results import Results
 from experiments.collect import flatten
 from experiments.harness import schema
 from experiments.harness.runs import Task
+from experiments.material.replay import verify_part
+from experiments.material.study_plan import PARTS
 
 SAGITTA, SAGITTA_DOUBT = "bend_sagitta_mm", "bend_sagitta_doubt_mm"
+STUDY = "study"
 UNTOLD = (SAGITTA_DOUBT, "seconds", "history", "view", "test_confusion", "epoch", "loss", "counts")
 
 
@@ -92,14 +98,14 @@ def verify(results: Results, sample: Sample) -> list[str]:
     Raises:
         ValueError: If the file holds no run of the sample's cell.
     """
-    fixed = results.raw["config"]
+    fixed = results.shared
     rows = [
         row
-        for row in results.raw["runs"]
+        for row in results.runs
         if all(row["cell"].get(key, fixed.get(key)) == value for key, value in sample.cell.items())
     ]
     if not rows:
-        raise ValueError(f"{results.raw['experiment']}: expected a run with {sample.cell}, found none")
+        raise ValueError(f"{results.experiment}: expected a run with {sample.cell}, found none")
     row = min(rows, key=lambda r: r["seed"])
     with tempfile.TemporaryDirectory() as folder:
         config = schema.from_flat({**fixed, **row["cell"], "seed": row["seed"], "out": folder})
@@ -109,15 +115,20 @@ def verify(results: Results, sample: Sample) -> list[str]:
 def main(say: Callable[[str], None] = print) -> None:
     """Verify some or all of the samples; exit code 1 where a number differs."""
     parser = argparse.ArgumentParser(prog="python -m experiments.verify", description="Repeat a sample of the results.")
-    parser.add_argument("name", nargs="*", help=f"of {', '.join(SAMPLES)}; all by default")
+    known = (*SAMPLES, STUDY)
+    parser.add_argument("name", nargs="*", help=f"of {', '.join(known)}; all by default")
     parser.add_argument("--results", type=Path, default=ROOT / "results")
     options = parser.parse_args()
-    unknown = set(options.name) - set(SAMPLES)
+    unknown = set(options.name) - set(known)
     if unknown:
-        parser.error(f"name: expected one of {', '.join(SAMPLES)}, got {', '.join(sorted(unknown))}")
+        parser.error(f"name: expected one of {', '.join(known)}, got {', '.join(sorted(unknown))}")
     check_sums()
     bad = False
-    for name in options.name or SAMPLES:
+    for name in options.name or known:
+        if name == STUDY:
+            for part in PARTS:
+                bad |= not verify_part(part, options.results / STUDY, say)
+            continue
         results = Results.read(options.results, name)
         if results is None:
             say(f"{name}: no results file")

@@ -23,10 +23,10 @@ from jaxlib import version as jaxlib_version
 
 # Nearly all of the tests' time is compiling, which XLA's older emitters do at level 1 in little more than half of the time
 # (processor seconds: knn 5.2 for 9.4, the quadric filter 10.3 for 17, a scanner's beams 3.6 for 6.1), for programs that
-# run as fast; a program in one piece for LLVM, not in 32, takes another fifth off (1.9 for 2.6 s of ten middling programs).
-# Level 0 halves the rest, but its programs run 5 to 10 times slower, and it finds wrong neighbours (one row of
-# test_ragged.py's slow cloud, with AVX2 and AVX-512 alike). `make test-portable` sets flags of its own and so tests what
-# users get. XLA aborts on a flag that it does not know, and 0.12 dropped the first one.
+# run as fast; a program in one piece for LLVM, not in 32, takes a fifth off middling ones (ten: 1.9 for 2.5), not off large.
+# Level 0 halves the rest, but its programs run 5 to 10 times slower, and one row of test_ragged.py's slow cloud then lacks
+# its nearest neighbours, with AVX2 and AVX-512 alike. `make test-portable` sets flags of its own and so tests what users
+# get. XLA aborts on a flag that it does not know, and 0.12 dropped the first one.
 CHEAP = (
     "--xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=1 --xla_cpu_parallel_codegen_split_count=1"
 )
@@ -58,7 +58,7 @@ SLOWEST = (
     "nets/test_networks.py",
     "simulate/test_surfaces.py",
     "batch/test_dask.py",
-    "simulate/test_parts.py",
+    "simulate/test_part_clouds.py",
     "ops/test_undetermined.py",
     "ops/test_switches.py",
     "cli/test_capacity.py",

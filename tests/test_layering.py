@@ -1,4 +1,8 @@
-"""Imports point one way: types <- ops <- {registration, measure, simulate, nets} <- train; types <- {io, report}."""
+"""Imports point one way: types <- ops <- {registration, measure, simulate, nets} <- train; types <- {io, report}.
+
+`geometry` stands below registration, measure and report. In experiments: harness <- material <- the commands, and
+analysis <- display.
+"""
 
 import ast
 import subprocess
@@ -19,17 +23,20 @@ ALLOWED = {
     "types": {"jax_sums", "programs"},
     "programs": set(),
     "ops": {"types"},
-    "registration": {"types", "ops"},
-    "measure": {"types", "ops"},
+    "geometry": set(),
+    "registration": {"types", "ops", "geometry"},
+    "measure": {"types", "ops", "geometry"},
     "simulate": {"types", "ops"},
     "nets": {"types", "ops"},
-    "train": {"types", "ops", "registration", "measure", "simulate", "nets", "io"},
+    "train": {"types", "ops", "geometry", "registration", "measure", "simulate", "nets", "io"},
     "io": {"types", "optional"},
-    "report": {"types", "optional"},
+    "report": {"types", "optional", "geometry"},
     "batch": {"types", "io", "optional", "runtime"},
-    "export": {"types", "io", "measure", "report", "optional"},
-    "tiles": {"types", "ops", "io", "batch"},
+    "export": {"types", "io", "geometry", "measure", "report", "optional"},
+    "tiles": {"types", "ops", "io", "batch", "compiled"},
+    "app": {"io", "measure", "report", "export", "batch"},
     "cli": {
+        "app",
         "types",
         "ops",
         "registration",
@@ -44,6 +51,12 @@ ALLOWED = {
         "export",
     }
     | {"optional", "runtime", "jax_sums"},
+}
+EXPERIMENTS = {
+    "harness": set(),
+    "material": {"harness"},
+    "analysis": {"study"},  # the names of its stages
+    "display": {"analysis", "harness", "study"},
 }
 HEAVY = (
     "jax",
@@ -97,6 +110,25 @@ def test_imports_point_one_way(path: Path):
             and (PACKAGE / part).exists() | (PACKAGE / f"{part}.py").exists()
         ):
             assert part in ALLOWED[own], f"cablejax.{own} must not import cablejax.{part} ({path})"
+
+
+def _experiments_of(path: Path) -> set[str]:
+    """The parts of experiments that a file imports."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom) and node.module == "experiments":
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module is not None and node.module.startswith("experiments."):
+            found.add(node.module.split(".")[1])
+    return found - {"ROOT"}
+
+
+@pytest.mark.parametrize("part", EXPERIMENTS)
+def test_experiments_build_on_their_folders_one_way(part: str):
+    paths = sorted((PACKAGE.parent / "experiments" / part).rglob("*.py"))
+    assert len(paths) > 3
+    for path in paths:
+        assert _experiments_of(path) <= EXPERIMENTS[part] | {part}, path
 
 
 def test_ops_needs_jax_alone():

@@ -13,9 +13,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-from cablejax.io import atomic_write
-from cablejax.io.atomic import fcntl, lock
-
 Row = dict[str, Any]
 
 
@@ -86,6 +83,8 @@ class Table:
             raise
 
     def _begin(self, fresh: bool) -> None:
+        from cablejax.io.atomic import fcntl, lock  # with jax, which takes long; a command's columns are there at once
+
         if fcntl is not None and not lock(self._file):
             raise TableError(f"{self.path}: another run is writing it")
         if fresh:
@@ -159,6 +158,8 @@ class Table:
         Raises:
             TableError: If the table cannot be written.
         """
+        from cablejax.io import atomic_write
+
         files = list(files)
         kept = [row for file in files for row in self.known.get(file, [])]
         try:

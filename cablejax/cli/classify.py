@@ -3,16 +3,27 @@
 import argparse
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from cablejax.cli.arguments import add_scan
 from cablejax.cli.checkpoint import read_run, restored
 from cablejax.cli.errors import NoResultError
 from cablejax.cli.scans import load, rows, say
 
 if TYPE_CHECKING:
-    import numpy as np
     from flax import nnx
 
-PIECES = 16  # samples of the cable whose probabilities are averaged
-PIECE_MM = 150.0  # length of cable that a sample shows; training clouds show 120 to 250
+
+HELP = "the nominal size that a trained network sees in a scan"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of the command."""
+    add_scan(parser)
+    network = parser.add_mutually_exclusive_group()
+    network.add_argument(
+        "--network", default="adgcnn_fit", metavar="NAME", help="one that comes with the package (default: adgcnn_fit)"
+    )
+    network.add_argument("--checkpoint", metavar="FOLDER", help="of a run of experiments.train, whose network to take")
+    parser.add_argument("--seed", type=int, default=0, help="of the samples that the network sees (default: 0)")
 
 
 class _Network(NamedTuple):
@@ -83,36 +94,15 @@ def _of_package(name: str) -> _Network:
     return _Network(network, card["model"], source, card["classes"], card["clouds"], card["accuracy"]["test"])
 
 
-def _pieces(xyz: "np.ndarray", along: "np.ndarray", clouds: dict[str, Any], seed: int):
-    """Random samples of stretches of the cable, posed as the training clouds were: `[PIECES, n, 3]`."""
-    import jax
-    import jax.numpy as jnp
-    import numpy as np
-
-    from cablejax.simulate.pose import canonical_pose, centred
-
-    rng, n = np.random.default_rng(seed), clouds["n_points"]
-    drawn = []
-    for _ in range(PIECES):
-        start = rng.uniform(along.min(), max(along.max() - PIECE_MM, along.min()))
-        here = np.flatnonzero((along >= start) & (along <= start + PIECE_MM))
-        here = here if len(here) >= n else np.argsort(np.abs(along - start - PIECE_MM / 2))[: max(n, len(here))]
-        drawn.append(xyz[rng.choice(here, size=n, replace=len(here) < n)])
-    stacked = np.stack(drawn)
-    stacked = (stacked - stacked.mean(axis=1, keepdims=True)).astype(np.float32)
-    mask = jnp.ones(stacked.shape[:2], dtype=bool)
-    return jax.vmap(canonical_pose if clouds["canonical_pose"] else centred)(jnp.asarray(stacked), mask), mask
-
-
 def run(options: argparse.Namespace) -> dict[str, Any]:
     """Find the cable, sample it, average the network's probabilities over the samples."""
     record = None if options.checkpoint is None else _record_of(options.checkpoint)
     scan = load(options, options.scan)
     told = _of_package(options.network) if record is None else _of_run(str(options.checkpoint), record)
-    import jax
     import numpy as np
 
     from cablejax.measure import MeasureError, measure_cable
+    from cablejax.train import classify_cable
 
     say(options, f"looking for the cable in {len(scan.xyz_mm):,} points")
     try:
@@ -121,8 +111,10 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
         raise NoResultError(f"{options.scan}: {error}") from None
     say(options, f"classifying by {told.source}")
     xyz, along = scan.xyz_mm[measured.keep], measured.along_mm[measured.keep]
-    logits = np.asarray(jax.jit(told.network)(*_pieces(xyz, along, told.clouds, options.seed)))
-    chance = np.asarray(jax.nn.softmax(logits, axis=1)).mean(axis=0)
+    clouds = told.clouds
+    chance = classify_cable(
+        told.network, xyz, along, n_points=clouds["n_points"], canonical=clouds["canonical_pose"], seed=options.seed
+    )
     order = np.argsort(-chance)
     return {
         "file": str(scan.path),

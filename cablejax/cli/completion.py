@@ -22,11 +22,17 @@ complete -o filenames -F _cablejax cablejax
 """
 
 
-def run(options: argparse.Namespace) -> dict[str, Any]:
-    """The script for a shell, made from the parser itself."""
-    from cablejax.cli.main import build_parser
+HELP = "a script for the shell: source <(cablejax completion bash)"
 
-    (sub,) = [action for action in build_parser()._actions if isinstance(action, argparse._SubParsersAction)]
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of the command."""
+    parser.add_argument("shell", choices=("bash", "zsh"))
+
+
+def run(options: argparse.Namespace) -> dict[str, Any]:
+    """The script for a shell, made from the command's own parser, `options.completed`."""
+    (sub,) = [action for action in options.completed._actions if isinstance(action, argparse._SubParsersAction)]
     choices, names = [], []
     for command, parser in sub.choices.items():
         flags = [action for action in parser._actions if action.option_strings]

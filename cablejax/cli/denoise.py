@@ -7,6 +7,7 @@ from typing import Any
 
 from cablejax.batch.table import Column
 from cablejax.cli import folder
+from cablejax.cli.arguments import add_scan
 from cablejax.cli.capacity import padded
 from cablejax.cli.errors import NoResultError
 from cablejax.cli.scans import WRITABLE, check_output, load, rows, save, say, unit_of
@@ -26,6 +27,30 @@ COLUMNS = (
     Column("kernel_width_mm", "number", "mean width of the filter's kernel; empty with `--no-filter`"),
     Column("tiles", "whole", "tiles; empty where the cloud was cleaned at once"),
 )
+
+
+HELP = "remove outliers, smooth with the adaptive filter, write the cloud"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of the command."""
+    add_scan(parser)
+    parser.add_argument(
+        "output", help="file to write: .ply, .pcd, .xyz, .csv, .las or .laz; a folder for a folder of scans"
+    )
+    parser.add_argument("--neighbors", type=int, default=100, metavar="K", help="of the filter (default: 100)")
+    parser.add_argument(
+        "--order", type=int, choices=(0, 1, 2), default=2,
+        help="local surface: 0 the mean of the paper's eq. (8), which shrinks a cable; 1 plane; 2 quadric (default)",
+    )  # fmt: skip
+    parser.add_argument("--std-ratio", type=float, default=2.0, help="outliers beyond so many deviations (default: 2)")
+    parser.add_argument("--no-filter", action="store_true", help="remove outliers alone")
+    parser.add_argument(
+        "--tile", type=int, metavar="POINTS",
+        help="work in tiles of so many points, for files larger than memory; the result is the same, and a killed run "
+        "goes on when called again (default: 262144 for files from 256 MB, else none)",
+    )  # fmt: skip
+    folder.add_arguments(parser)
 
 
 def run(options: argparse.Namespace) -> dict[str, Any]:

@@ -24,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--export", metavar="FOLDER",
         help="write deviations (PLY, LAZ), axis and sections (CSV), axis and cylinders (DXF) and a protocol to print (HTML); "
-        "for a folder of scans a folder each",
+        "for a folder of scans, and with --all for each cable, a folder each",
     )  # fmt: skip
     parser.add_argument(
         "--formats", nargs="+", choices=FORMATS, default=list(USUAL), metavar="FORMAT",
@@ -46,19 +46,23 @@ def check(options: argparse.Namespace) -> None:
 
 
 def write(
-    options: argparse.Namespace, scan: "PointFile", measured: "CableMeasurement", read: Any, sizes: Any
-) -> list[str] | None:
-    """Write the files; their paths, None without `--export`.
+    options: argparse.Namespace, scan: "PointFile", measured: "CableMeasurement", read: Any, sizes: Any,
+    *, number: int | None = None,
+) -> list[str] | None:  # fmt: skip
+    """Write the files, of one cable among several into a folder with its number; their paths, None without `--export`.
 
     Raises:
         NoResultError: If one cannot be written.
     """
     if options.export is None:
         return None
-    folder, written = Path(options.export), []
+    folder, name, written = Path(options.export), Path(options.scan).name, []
+    if number is not None:
+        folder, name = folder / f"cable-{number}", f"{name}, cable {number}"
+        make_folder(folder)
     try:
-        for name in dict.fromkeys(options.formats):
-            written += WRITERS[name](folder, options, scan, measured, read, sizes)
+        for kind in dict.fromkeys(options.formats):
+            written += WRITERS[kind](folder, options, scan, measured, read, sizes, name)
     except OSError as error:
         raise NoResultError(f"{folder}: cannot be written ({error.strerror or error})") from None
     for path in written:
@@ -93,7 +97,7 @@ def _drawing(folder: Path, options: argparse.Namespace, scan: Any, measured: Any
 
 
 def _protocol(
-    folder: Path, options: argparse.Namespace, scan: "PointFile", measured: Any, read: Any, sizes: Any
+    folder: Path, options: argparse.Namespace, scan: "PointFile", measured: Any, read: Any, sizes: Any, title: str
 ) -> list[Path]:
     from cablejax.export import protocol_page
     from cablejax.io import atomic_write
@@ -106,9 +110,7 @@ def _protocol(
         "evaluated by": f"cablejax {__version__}",
     }
     limits = None if options.tolerance is None else (options.tolerance[0], options.tolerance[1])
-    html = protocol_page(
-        measured, title=Path(options.scan).name, source=source, read=read, sizes=sizes, limits_mm=limits
-    )
+    html = protocol_page(measured, title=title, source=source, read=read, sizes=sizes, limits_mm=limits)
     with atomic_write(folder / "protocol.html") as file:
         file.write(html.encode(errors="backslashreplace"))  # file names may be no text
     return [folder / "protocol.html"]

@@ -4,7 +4,6 @@ import argparse
 import contextlib
 import hashlib
 import importlib
-import io
 import json
 import re
 from collections import Counter
@@ -17,6 +16,7 @@ from cablejax import __version__
 from cablejax.cli.errors import NoResultError
 from cablejax.cli.progress import Progress
 from cablejax.cli.scans import check_output, make_folder, rows, say
+from cablejax.cli.streams import warnings_told
 from cablejax.optional import MissingPackageError
 
 if TYPE_CHECKING:
@@ -29,7 +29,6 @@ NEUTRAL = (
     "plan", "pattern", "chart",
 )  # fmt: skip
 SHOWN = 50  # scans that a summary lists one by one
-WARNING = "cablejax: warning: "
 
 Places = Mapping[str, Callable[[Path], Path]]
 
@@ -294,15 +293,13 @@ def _clean(value: Any) -> Any:
 def scan_task(options: dict[str, Any]) -> dict[str, Any]:
     """A command on one scan, called in a process of its own: `outcome`, `error`, `warnings` and `rows`."""
     module = importlib.import_module(f"cablejax.cli.{options['command']}")
-    told = io.StringIO()
     answer: dict[str, Any] = {"outcome": "result", "error": None, "rows": []}
-    with contextlib.redirect_stderr(told):
+    with warnings_told() as told:
         try:
             answer["rows"] = module.rows_of(module.one(argparse.Namespace(**options)))
         except (NoResultError, MissingPackageError) as error:
             answer |= {"outcome": "no result", "error": str(error).removeprefix(f"{options['scan']}: ")}
-    lines = told.getvalue().splitlines()
-    return answer | {"warnings": [line.removeprefix(WARNING) for line in lines if line.startswith(WARNING)]}
+    return answer | {"warnings": told}
 
 
 def table(result: dict[str, Any], line: Callable[[dict[str, Any]], str]) -> str:

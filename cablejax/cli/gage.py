@@ -8,7 +8,8 @@ import re
 from pathlib import Path
 from typing import Any
 
-from cablejax.cli import folder
+from cablejax.cli import folder, measure
+from cablejax.cli.arguments import UNITS, add_columns
 from cablejax.cli.errors import NoResultError
 from cablejax.cli.scans import check_output, rows, save_bytes
 from cablejax.optional import require
@@ -18,8 +19,11 @@ PLAN = ("file", "part", "operator")
 Cell = tuple[str, str]
 
 
+HELP = "how well repeated scans agree: repeatability and reproducibility after AIAG MSA"
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options of a study, beside those of `measure`."""
+    """The options of the command: those of a study, and of `measure`."""
     parser.add_argument(
         "scan", metavar="folder", help="folder of scans: the same parts, each several times by each operator"
     )
@@ -29,6 +33,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument("--plan", metavar="FILE.csv", help=f"in its place, a table with the columns {', '.join(PLAN)}")
     parser.add_argument("--chart", metavar="FILE.png", help="draw the study: .png, .svg or .pdf")
+    parser.add_argument("--unit", choices=UNITS, help="unit of the files' coordinates")
+    add_columns(parser)
+    parser.set_defaults(all=False, expect=None, picture=None)
+    measure.add_options(parser)
+    folder.add_arguments(parser)
 
 
 def run(options: argparse.Namespace) -> dict[str, Any]:

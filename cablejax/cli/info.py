@@ -6,6 +6,7 @@ from typing import Any
 
 from cablejax.batch.table import Column
 from cablejax.cli import folder
+from cablejax.cli.arguments import add_scan
 from cablejax.cli.scans import load, rows
 
 SCHEMA = "info-rows/1"
@@ -20,6 +21,15 @@ COLUMNS = (
     Column("color", "flag", "whether it has colours"),
     Column("intensity", "flag", "whether it has intensities"),
 )
+
+
+HELP = "what a point file holds: points, extent, spacing, invalid returns"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of the command."""
+    add_scan(parser)
+    folder.add_arguments(parser)
 
 
 def run(options: argparse.Namespace) -> dict[str, Any]:

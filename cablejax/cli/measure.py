@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from cablejax.batch.table import Column
-from cablejax.cli import exports, folder, known, scene, standards
-from cablejax.cli.checkpoint import parts_of
+from cablejax.cli import exports, folder, measure_input, scene, standards
+from cablejax.cli.arguments import add_scan
 from cablejax.cli.errors import NoResultError
-from cablejax.cli.scans import check_output, load, make_folder, rows, save_bytes, say
+from cablejax.cli.scans import rows, say
 from cablejax.optional import require
 
 SCHEMA = "measure-rows/1"
@@ -33,6 +33,76 @@ COLUMNS = (
     Column("verdict", "text", "nominal size, with `--catalogue`"),
     Column("conformity", "text", "`pass`, `fail` or `undecided`, with `--tolerance`"),
 )
+
+
+HELP = "diameter, ovality, length and bend radius of the cable in a scan, with their uncertainty"
+DESCRIPTION = "Find the cable in a scan and measure it. The diameter comes with a 95 %% interval and its budget."
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of the command."""
+    add_scan(parser)
+    parser.add_argument(
+        "--report", metavar="FILE.html", help="write a self-contained report; a folder for a folder of scans"
+    )
+    scene = parser.add_argument_group("scenes of several cables")
+    scene.add_argument("--all", action="store_true", help="measure every cable of the scan, each with a number")
+    scene.add_argument("--expect", type=int, metavar="N", help="with --all: say so where another number is found")
+    scene.add_argument("--picture", metavar="FILE.png", help="with --all: draw the scan with the cables' numbers")
+    add_options(parser)
+    exports.add_arguments(parser)
+    folder.add_arguments(parser)
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """What is known of cable and scanner, and how they are judged: as well of `report` and `gage`."""
+    parser.add_argument("--catalogue", metavar="KV", help="tell the nominal size, by rated voltage U0/U: 8.7/15")
+    parser.add_argument(
+        "--tolerance",
+        type=float,
+        nargs=2,
+        metavar=("LOW", "HIGH"),
+        help="limits of the diameter in mm: pass, fail or undecided",
+    )
+    parser.add_argument(
+        "--checkpoint",
+        metavar="FOLDER",
+        help="of a run of experiments.parts: its network labels the points, and the cable's alone are measured",
+    )
+    parser.add_argument(
+        "--scanner",
+        metavar="NAME|NUMBERS",
+        help="a preset of the simulator (line-laser), or what is known at the cable's distance: "
+        "range_std_mm=1.2,footprint_mm=1 (optional: incidence_power, lateral_std_mm)",
+    )
+    parser.add_argument(
+        "--stations",
+        type=int,
+        metavar="N",
+        help="scanner positions, if known: 1 for a single view, which needs no alignment",
+    )
+    limits = parser.add_argument_group("what is known of the cable, in mm and in the scan's coordinates")
+    limits.add_argument(
+        "--diameter", type=float, nargs=2, metavar=("LOW", "HIGH"), help="its diameter is between these"
+    )
+    limits.add_argument("--near", type=float, nargs=3, metavar=("X", "Y", "Z"), help="the cable nearest to this point")
+    limits.add_argument(
+        "--axis", type=float, nargs=3, metavar=("X", "Y", "Z"), help="it runs along this, within 20 degrees"
+    )
+    limits.add_argument(
+        "--box",
+        type=float,
+        nargs=6,
+        metavar=("X0", "Y0", "Z0", "X1", "Y1", "Z1"),
+        help="look at no point outside this box",
+    )
+    parser.add_argument("--section", type=float, metavar="MM", help="distance between sections (default: D/4)")
+    parser.add_argument("--registration-std", type=float, default=0.0, metavar="MM", help="of the stations' alignment")
+    parser.add_argument(
+        "--scale-std", type=float, default=0.0, metavar="RATIO", help="of the scanner's scale, 1e-4 say"
+    )
+    parser.add_argument("--maker-std", type=float, default=0.0, metavar="MM", help="of makers' diameters about nominal")
+    parser.add_argument("--seed", type=int, default=0, help="of the random samples in the search (default: 0)")
 
 
 def run(options: argparse.Namespace) -> dict[str, Any]:
@@ -74,29 +144,21 @@ def one(options: argparse.Namespace) -> dict[str, Any]:
     """Read, measure, judge, write the report."""
     if options.all:
         return scene.run(options)
-    if options.tolerance is not None and not options.tolerance[0] < options.tolerance[1]:
-        raise NoResultError(
-            f"--tolerance: expected LOW below HIGH, got {options.tolerance[0]:g} {options.tolerance[1]:g}"
-        )
-    if options.report is not None:
-        require("jinja2", "plotly", "matplotlib", why="a report")
-        make_folder(Path(options.report).parent)
-        check_output(options.report, (".html", ".htm"))
+    measure_input.check_tolerance(options)
+    measure_input.check_report(options, "jinja2", "plotly", "matplotlib")
     exports.check(options)
-    sizes, settings = known.sizes(options.catalogue), known.settings(options)
-    scan = load(options, options.scan)
-    part = parts_of(options, scan)
-    from cablejax.measure import MeasureError, conformity, measure_cable
-    from cablejax.report import measurement_page
+    scan, part, given = measure_input.read_labelled(options)
+    from cablejax.measure import MeasureError, measure_cable
 
     say(options, f"measuring {len(scan.xyz_mm):,} points")
     try:
-        on_cable = None if part is None else part == "cable"
-        result = measure_cable(scan.xyz_mm, on_cable=on_cable, catalogue=sizes, settings=settings)
+        result = measure_cable(scan.xyz_mm, **given)
     except MeasureError as error:
         raise NoResultError(f"{options.scan}: {error}") from None
     parts = None if part is None else dict(sorted(Counter(part.tolist()).items(), key=lambda pair: -pair[1]))
     if options.report is not None:
+        from cablejax.report import measurement_page
+
         html = measurement_page(
             result,  # pyright: ignore[reportArgumentType] frozen, and the protocol's attributes could be set
             title=Path(options.scan).name,
@@ -104,13 +166,9 @@ def one(options: argparse.Namespace) -> dict[str, Any]:
             xyz_mm=scan.xyz_mm,
             parts=parts,
         )
-        _save_report(options, html)
+        measure_input.save_report(options, html)
     read, section_sizes = standards.read_and_sized(result, options.tolerance)
     exported = exports.write(options, scan, result, read, section_sizes)
-    judged = None
-    if options.tolerance is not None:
-        low, high = options.tolerance
-        judged = conformity(result.diameter_mm, result.std_mm, low=low, high=high)
     return {
         "file": str(scan.path),
         "file_unit": scan.unit,
@@ -119,14 +177,9 @@ def one(options: argparse.Namespace) -> dict[str, Any]:
         **standards.as_json(read, section_sizes),
         "parts": parts,
         "tolerance_mm": options.tolerance,
-        "conformity": judged,
+        "conformity": measure_input.conformity_of(options, result.diameter_mm, result.std_mm),
         "exported": exported,
     }
-
-
-def _save_report(options: argparse.Namespace, html: str) -> None:
-    save_bytes(options.report, html.encode(errors="backslashreplace"))  # file names may be no text
-    say(options, f"report: {options.report}")
 
 
 def _interval(interval: list[float] | None, digits: str = ".3f") -> str:

@@ -3,12 +3,49 @@
 import argparse
 from typing import TYPE_CHECKING, Any
 
+from cablejax.cli.arguments import UNITS, add_columns
 from cablejax.cli.errors import NoResultError
 from cablejax.cli.scans import WRITABLE, check_output, load, rows, save, say
 
 if TYPE_CHECKING:
     from cablejax.io import PointFile
     from cablejax.registration import RegistrationResult
+
+
+HELP = "the rigid motions that bring scans together"
+DESCRIPTION = "Bring scans into the frame of the last one: two by one registration, more by a pose graph."
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of the command."""
+    parser.add_argument("scans", nargs="+", metavar="scan", help="point files, two or more; the last one stays")
+    parser.add_argument("--unit", choices=UNITS, help="unit of all files (default: mm, with a warning)")
+    add_columns(parser)
+    parser.add_argument(
+        "--output", metavar="FILE", help="write the moved source, or all scans together if more than two"
+    )
+    parser.add_argument("--method", choices=("point", "plane", "gicp"), default="gicp", help="default: gicp")
+    parser.add_argument("--kernel", choices=("none", "huber", "cauchy", "tukey"), default="none", help="default: none")
+    parser.add_argument(
+        "--max-distance",
+        type=float,
+        metavar="MM",
+        help="register once, from where the scans lie, with corresponding points no further apart",
+    )
+    parser.add_argument(
+        "--voxels",
+        type=float,
+        nargs="+",
+        metavar="MM",
+        help="from coarse to fine: 500 250 125, corresponding points within 4 voxels (2 for more than two scans); two scans "
+        "find their own",
+    )
+    parser.add_argument(
+        "--start",
+        choices=("given", "features"),
+        help="with --voxels: given, the scans lie near each other as they are (default), or features, nothing is known of the "
+        "pose; without, several starts are compared",
+    )
 
 
 def run(options: argparse.Namespace) -> dict[str, Any]:
@@ -109,7 +146,7 @@ def table(result: dict[str, Any]) -> str:
         return _stations_table(result)
     unseen = len(result["unseen_directions"])
     pairs = [
-        ("partners", f"{result['inliers']:,}, {result['rmse_mm']:.3g} mm apart (root mean square)"),
+        ("correspondences", f"{result['inliers']:,}, {result['rmse_mm']:.3g} mm apart (root mean square)"),
         ("converged", f"{'yes' if result['converged'] else 'no'}, after {result['iterations']} steps"),
         ("unseen", f"{unseen} of 6 directions of motion, left as they were" if unseen else "no direction of motion"),
     ]

@@ -9,10 +9,18 @@ FOLDER = Path(__file__).parent / "schemas"
 # A version changes when a field goes, or changes its name, type or meaning; a field that is added changes it as well, for
 # the schemas allow no others.
 VERSIONS = {
-    "measure": 1, "measure-all": 1, "info": 1,
-    "denoise": 1, "register": 1, "register-stations": 1, "classify": 1, "simulate": 1, "gage": 1,
+    "measure": 2, "measure-all": 3, "info": 1,
+    "denoise": 1, "register": 1, "register-stations": 1, "classify": 1, "simulate": 1, "gage": 1, "app": 1,
     "folder": 1, "schema": 1, "completion": 1,
 }  # fmt: skip
+
+
+HELP = "the JSON Schema of what a command prints with --json"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of the command."""
+    parser.add_argument("name", choices=VERSIONS, metavar="name", help=", ".join(VERSIONS))
 
 
 def layout_of(command: str, result: dict[str, Any]) -> str:

@@ -8,6 +8,31 @@ from cablejax.cli.errors import NoResultError
 from cablejax.cli.scans import WRITABLE, check_output, rows, save, save_bytes, say
 from cablejax.optional import require
 
+HELP = "write a simulated scan of a catalogue cable, its true diameter beside it"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of the command."""
+    parser.add_argument("output", help="file to write: .ply, .pcd, .xyz, .csv, .las or .laz")
+    parser.add_argument("--size", type=float, default=240, metavar="MM2", help="conductor cross-section (default: 240)")
+    parser.add_argument("--voltage", default="8.7/15", metavar="KV", help="rated voltage U0/U (default: 8.7/15)")
+    parser.add_argument("--points", type=int, default=53_135, help="default: 53135")
+    parser.add_argument("--preset", default="line-laser", help="scanner (default: line-laser)")
+    parser.add_argument(
+        "--shape",
+        default="straight",
+        help="line, sheath or accessory, surrounding: bend, corrugated+tray (default: straight)",
+    )
+    parser.add_argument("--bend-radius", type=float, metavar="MM", help="default: 15 diameters")
+    parser.add_argument("--finish", default="matte", help="matte, dark, glossy or dark-glossy (default: matte)")
+    parser.add_argument("--length", type=float, default=400.0, metavar="MM", help="default: 400")
+    parser.add_argument("--arc", type=float, default=360.0, metavar="DEG", help="circumference seen (default: 360)")
+    parser.add_argument("--outliers", type=float, default=0.02, metavar="SHARE", help="default: 0.02")
+    parser.add_argument("--seed", type=int, default=0, help="default: 0")
+    parser.add_argument(
+        "--picture", metavar="PNG", help="also draw the scan, coloured by its distance to the true surface"
+    )
+
 
 def run(options: argparse.Namespace) -> dict[str, Any]:
     """Simulate and write."""

@@ -4,6 +4,10 @@ import contextlib
 import io
 import os
 import sys
+import warnings
+from collections.abc import Iterator
+
+WARNING = "cablejax: warning: "
 
 
 def settle_streams() -> None:
@@ -25,6 +29,25 @@ def tell(text: str) -> None:
         sys.stderr.flush()
     except OSError:
         _give_up(sys.stderr)
+
+
+def warn_plainly(message, category, filename, lineno, file=None, line=None) -> None:
+    """A warning in one line, in place of `warnings.showwarning`."""
+    tell(f"{WARNING}{message}")
+
+
+@contextlib.contextmanager
+def warnings_told() -> Iterator[list[str]]:
+    """Keep what is told on standard error to itself; the list holds the warnings among it at the end, in plain words."""
+    told, found = io.StringIO(), []
+    with contextlib.redirect_stderr(told), warnings.catch_warnings():
+        warnings.simplefilter("always")
+        warnings.showwarning = warn_plainly
+        try:
+            yield found
+        finally:
+            lines = told.getvalue().splitlines()
+            found += dict.fromkeys(line.removeprefix(WARNING) for line in lines if line.startswith(WARNING))
 
 
 def put_out(text: str = "") -> bool:

@@ -8,10 +8,10 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from jaxtyping import Float
 
+from cablejax.geometry.robust import COVERAGE
 from cablejax.io import atomic_write
 from cablejax.measure import CableMeasurement
 
-COVERAGE = 1.96  # standard deviations of a 95 % interval
 AXIS = ("along_mm", "x_mm", "y_mm", "z_mm", "direction_x", "direction_y", "direction_z")
 SECTIONS = (
     "along_mm", "x_mm", "y_mm", "z_mm", "diameter_mm", "low_mm", "high_mm", "minimum_mm", "maximum_mm", "arc_deg", "points",

@@ -6,6 +6,7 @@ from cablejax.io.open3d_import import import_open3d
 from cablejax.io.points import PointFile, iter_points, read_points
 from cablejax.io.provenance import git_state, jsonable, provenance, read_json, write_json
 from cablejax.io.raw import PointFileError
+from cablejax.io.region import Region, is_copc, read_region
 from cablejax.io.sources import ENDINGS as READABLE
 from cablejax.io.tensorboard import RunLogger
 from cablejax.io.write import PointWriter, write_points
@@ -17,16 +18,19 @@ __all__ = [
     "PointFile",
     "PointFileError",
     "PointWriter",
+    "Region",
     "RunLogger",
     "atomic_write",
     "checkpoint_files",
     "git_state",
     "import_open3d",
+    "is_copc",
     "iter_points",
     "jsonable",
     "provenance",
     "read_json",
     "read_points",
+    "read_region",
     "restore_checkpoint",
     "save_checkpoint",
     "write_json",

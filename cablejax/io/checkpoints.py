@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import jax
 
 from cablejax.io.atomic import atomic_write, remove_parts
-from cablejax.io.leaves import Leaf, decode_leaf, encode_leaf, same_kind
+from cablejax.io.checkpoint_leaves import Leaf, decode_leaf, encode_leaf, same_kind
 
 MAGIC = b"cablejax checkpoint 1\n"
 DIGEST_BYTES = hashlib.sha256().digest_size

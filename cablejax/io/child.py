@@ -1,9 +1,10 @@
 """Readers of LAS, LAZ, COPC and E57: run as a script in a process of their own, for their libraries are native code.
 
 On damaged files that code can loop, abort, or ask for terabytes. This file imports NumPy and the one library it needs
-and nothing of cablejax, so that the process starts quickly. `python child.py las|e57 FILE MEMORY_BYTES POINTS` writes
+and nothing of cablejax, so that the process starts quickly. `python child.py las|copc|e57 FILE MEMORY_BYTES POINTS` writes
 the points to standard output, piece by piece: a line of JSON that describes the arrays, then their bytes; last a line
-that holds nothing but the error or null. A piece waits until the one before it was taken.
+that holds nothing but the error or null. A piece waits until the one before it was taken. For copc six numbers follow,
+the corners of a box: the points within it alone, with their rows in the file.
 """
 
 import importlib
@@ -11,7 +12,7 @@ import json
 import os
 import struct
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -44,16 +45,10 @@ def las_chunks(path: str, size: int | None = None) -> Iterator[Chunk]:
     Raises:
         Damaged: If the header promises more or fewer points than there are.
     """
-    import laspy
-
     with open(path, "rb") as file:
-        _check_las_header(file)
-        reader = laspy.LasReader(file, laz_backend=laspy.LazBackend.Lazrs, read_evlrs=False)
+        reader, held = _las_reader(file)
         header = reader.header
         promised, width = header.point_count, header.point_format.size
-        held = _check_las_count(file, header)
-        if not (np.isfinite(header.scales).all() and np.isfinite(header.offsets).all() and np.all(header.scales != 0)):
-            raise Damaged("has a damaged header: its scales or offsets are no numbers")
         names = set(header.point_format.dimension_names)
         read = 0
         step = size or max(1, CHUNK_BYTES // max(width, 1))
@@ -64,6 +59,92 @@ def las_chunks(path: str, size: int | None = None) -> Iterator[Chunk]:
             raise Damaged(f"is truncated: its header promises {promised:,} points, {read:,} are there")
         if held < promised:
             yield _note(f"its header promises {promised:,} points, {held:,} are there and were read")
+
+
+def _las_reader(file: BinaryIO) -> tuple[Any, int]:
+    """laspy's reader at the first point, and how many points to read.
+
+    Raises:
+        Damaged: If the header cannot be right.
+    """
+    import laspy
+
+    _check_las_header(file)
+    reader = laspy.LasReader(file, laz_backend=laspy.LazBackend.Lazrs, read_evlrs=False)
+    header = reader.header
+    held = _check_las_count(file, header)
+    if not (np.isfinite(header.scales).all() and np.isfinite(header.offsets).all() and np.all(header.scales != 0)):
+        raise Damaged("has a damaged header: its scales or offsets are no numbers")
+    return reader, held
+
+
+def copc_chunks(path: str, size: int | None, low: np.ndarray, high: np.ndarray) -> Iterator[Chunk]:
+    """Read the points of a COPC file within a box, decoding no node that lies outside.
+
+    Args:
+        path: The file.
+        size: Most points a piece; a node a piece where it is None.
+        low, high: Corners of the box `[3]`, in the file's unit; points on its sides are within.
+
+    Yields:
+        As `las_chunks`, with `row` `[m]` int64, the place of each point in the file.
+
+    Raises:
+        Damaged: If the hierarchy does not tell where the points are.
+    """
+    with open(path, "rb") as file:
+        reader, held = _las_reader(file)
+        header, names = reader.header, set(reader.header.point_format.dimension_names)
+        nodes = _copc_nodes(file)
+        if sum(node.point_count for node in nodes) != held:
+            raise Damaged("has a damaged hierarchy: it does not hold all points")
+        first, touched = 0, _touching(low, high, np.abs(header.scales))
+        for node in nodes:
+            if touched(node):
+                points = _node_points(file, node, header)
+                step = size or len(points)
+                for start in range(0, len(points), step):
+                    yield _within(_las_chunk(points[start : start + step], names), first + start, low, high)
+            first += node.point_count
+
+
+def _copc_nodes(file: BinaryIO) -> list[Any]:
+    """All nodes of a COPC file that hold points, in the order of the file, which is that of its rows."""
+    from laspy import copc
+
+    file.seek(0)
+    reader = copc.CopcReader(file)
+    nodes = copc.load_octree_for_query(file, reader.copc_info, reader.root_page)
+    return sorted((node for node in nodes if node.point_count), key=lambda node: node.offset)
+
+
+def _touching(low: np.ndarray, high: np.ndarray, step: np.ndarray) -> Callable[[Any], bool]:
+    """Whether a node's cube touches a box; coordinates are rounded to a step, and so may leave their cube by one."""
+    return lambda node: bool(np.all((node.bounds.mins <= high + step) & (node.bounds.maxs >= low - step)))
+
+
+def _node_points(file: BinaryIO, node: Any, header: Any) -> Any:
+    """The points of a node, decoded by themselves."""
+    import laspy
+
+    lazrs: Any = importlib.import_module("lazrs")
+    file.seek(node.offset)
+    data = file.read(node.byte_size)
+    raw = np.zeros(node.point_count * header.point_format.size, dtype=np.uint8)
+    laz = header.vlrs.get("LasZipVlr")[0].record_data
+    every = laspy.DecompressionSelection.all().to_lazrs()
+    lazrs.decompress_points_with_chunk_table(data, laz, raw, [(node.point_count, node.byte_size)], every)
+    packed = laspy.PackedPointRecord.from_buffer(raw, header.point_format)
+    return laspy.ScaleAwarePointRecord(packed.array, packed.point_format, header.scales, header.offsets)
+
+
+def _within(chunk: Chunk, first: int, low: np.ndarray, high: np.ndarray) -> Chunk:
+    """The points of a piece in a box, with their rows."""
+    if chunk["dropped"]:
+        raise Damaged("holds withheld points, so that rows cannot be told")
+    keep = ((chunk["xyz"] >= low) & (chunk["xyz"] <= high)).all(axis=1)
+    arrays = {name: value[keep] for name, value in chunk.items() if isinstance(value, np.ndarray)}
+    return {**arrays, "dropped": 0, "row": first + np.flatnonzero(keep)}
 
 
 def _note(text: str) -> Chunk:
@@ -213,7 +294,7 @@ def _e57_chunk(columns: dict[str, np.ndarray], axes: tuple[str, ...], invalid: s
     return {"xyz": xyz, "color": color, "intensity": intensity, "dropped": int((~keep).sum()), "notes": notes}
 
 
-CHUNKS = {"las": las_chunks, "e57": e57_chunks}
+CHUNKS = {"las": las_chunks, "copc": copc_chunks, "e57": e57_chunks}
 
 
 def _e57_color(values: np.ndarray, header: Any) -> tuple[np.ndarray | None, list[str]]:
@@ -233,12 +314,13 @@ def _e57_color(values: np.ndarray, header: Any) -> tuple[np.ndarray | None, list
     return values.astype(kind), []
 
 
-def main(kind: str, path: str, memory_bytes: int, size: int, out: BinaryIO) -> None:
+def main(kind: str, path: str, memory_bytes: int, size: int, out: BinaryIO, box: Sequence[float] = ()) -> None:
     """Send the pieces of a file, and an end that holds the error, if any. A size of 0 leaves it to the reader."""
     limit_memory(memory_bytes)
     error = None
+    corners = (np.array(box[:3]), np.array(box[3:])) if box else ()
     try:
-        for chunk in CHUNKS[kind](path, size or None):
+        for chunk in CHUNKS[kind](path, size or None, *corners):
             send(out, chunk)
     except BaseException as failure:  # noqa: BLE001 (a panic in native code is no Exception)
         error = reason(failure)
@@ -295,4 +377,4 @@ def own_output() -> BinaryIO:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], sys.argv[2], int(sys.argv[3]), int(sys.argv[4]), own_output())
+    main(sys.argv[1], sys.argv[2], int(sys.argv[3]), int(sys.argv[4]), own_output(), [float(x) for x in sys.argv[5:]])

@@ -7,7 +7,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import IO, Any
 
@@ -21,17 +21,20 @@ ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "RAYON_NUM_TH
 LEAST_MEMORY_BYTES = 4 * 2**30
 
 
-def read_isolated(kind: str, path: Path, *, time_limit_s: float, size: int | None = None) -> Iterator[RawCloud]:
-    """Read a LAS, LAZ, COPC ("las") or E57 ("e57") file piece by piece.
+def read_isolated(
+    kind: str, path: Path, *, time_limit_s: float, size: int | None = None, box: Sequence[float] = ()
+) -> Iterator[RawCloud]:
+    """Read a LAS, LAZ, COPC ("las") or E57 ("e57") file piece by piece, or the points of a COPC file in a box ("copc").
 
     The process is a fresh interpreter, not a fork: forking deadlocks once JAX runs its threads. It ends with the
     iterator, whether that is exhausted or dropped.
 
     Args:
-        kind: "las" or "e57".
+        kind: "las", "copc" or "e57".
         path: The file.
         time_limit_s: Most time to wait for it, all pieces together.
         size: Points a piece; the reader's choice where it is None.
+        box: Of "copc": two corners, six numbers in the file's unit.
 
     Raises:
         BadFile: If the file is damaged, the reader crashed or ran out of time, or its package is missing.
@@ -47,6 +50,7 @@ def read_isolated(kind: str, path: Path, *, time_limit_s: float, size: int | Non
         str(path.resolve()),
         str(_memory_limit()),
         str(size or 0),
+        *map(repr, map(float, box)),
     ]
     process = subprocess.Popen(
         command,
@@ -70,8 +74,9 @@ def read_isolated(kind: str, path: Path, *, time_limit_s: float, size: int | Non
                 if frame["error"] is not None:
                     raise BadFile(frame["error"])
                 return
-            notes, unit = tuple(frame["notes"]), "m" if kind == "e57" else None
-            yield RawCloud(frame["xyz"], frame.get("color"), frame.get("intensity"), frame["dropped"], notes, unit)
+            unit = "m" if kind == "e57" else None
+            given = {name: frame.get(name) for name in ("color", "intensity", "row")}
+            yield RawCloud(frame["xyz"], dropped=frame["dropped"], notes=tuple(frame["notes"]), unit=unit, **given)
     finally:
         process.kill()
         if process.stdout is not None:

@@ -41,6 +41,7 @@ class RawCloud(NamedTuple):
         dropped: Returns that the format marks as invalid, already left out.
         notes: What was odd but cost no coordinate, in clauses to stand after the path: colours left out, say.
         unit: Unit that the file itself states, or None.
+        row: Place of each point in the file `[n]`, where a part of it was read; None for all, in their order.
     """
 
     xyz: np.ndarray
@@ -49,6 +50,7 @@ class RawCloud(NamedTuple):
     dropped: int = 0
     notes: tuple[str, ...] = ()
     unit: str | None = None
+    row: np.ndarray | None = None
 
 
 def truncated(held: int, promised: int, what: str = "its header") -> BadFile:
@@ -99,7 +101,14 @@ def join(clouds: list[RawCloud]) -> RawCloud:
         color = np.concatenate([as_uint16(part) if wide else part for part in colors])
     if all(cloud.intensity is not None for cloud in filled):
         intensity = np.concatenate([cloud.intensity for cloud in filled if cloud.intensity is not None])
-    return RawCloud(np.concatenate([cloud.xyz for cloud in filled]), color, intensity, dropped, notes, filled[0].unit)
+    return RawCloud(
+        xyz=np.concatenate([cloud.xyz for cloud in filled]),
+        color=color,
+        intensity=intensity,
+        dropped=dropped,
+        notes=notes,
+        unit=filled[0].unit,
+    )
 
 
 def colored(cloud: RawCloud, values: np.ndarray, *, shares: bool = False) -> RawCloud:

@@ -8,13 +8,14 @@ from cablejax.measure.cable import measure_cable
 from cablejax.measure.cables import measure_cables
 from cablejax.measure.conformity import bend_conformity, conformity
 from cablejax.measure.errors import MeasureError
-from cablejax.measure.fit.beams import Instrument
+from cablejax.measure.fit.beam_noise import Instrument
 from cablejax.measure.nominal import nominal_probabilities, verdict
 from cablejax.measure.result import BudgetLine, CableMeasurement, CableScene, NotMeasured
 from cablejax.measure.settings import MeasureSettings, SearchLimits
 from cablejax.measure.shape.free_section import FreeSection
 from cablejax.measure.shape.irregularities import Irregularity, irregularities
 from cablejax.measure.shape.sections import Sections
+from cablejax.measure.shape.stretches import Stretch
 
 __all__ = [
     "BudgetLine",
@@ -28,6 +29,7 @@ __all__ = [
     "NotMeasured",
     "SearchLimits",
     "Sections",
+    "Stretch",
     "bend_conformity",
     "conformity",
     "irregularities",

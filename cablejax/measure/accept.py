@@ -4,7 +4,7 @@ import numpy as np
 
 from cablejax.measure.errors import MeasureError
 from cablejax.measure.find.cables import Find
-from cablejax.measure.find.track import Walk
+from cablejax.measure.find.track import Track
 from cablejax.measure.fit.full import Fitted, fit_track
 from cablejax.measure.fit.least_squares import CableFit
 from cablejax.measure.messages import arc_too_small, not_round, not_sought, nothing_found, strayed, too_rough
@@ -31,9 +31,9 @@ def first_that_fits(scan: Scan, find: Find, settings: MeasureSettings) -> tuple[
         MeasureError: That failure.
     """
     failure: MeasureError | None = None
-    for way in find.walks:
+    for track in find.tracks:
         try:
-            return accepted(scan, way, find, settings)
+            return accepted(scan, track, find, settings)
         except Strayed as error:  # one of the lesser finds may fit something else very well
             raise failure or error from None
         except MeasureError as error:
@@ -41,18 +41,18 @@ def first_that_fits(scan: Scan, find: Find, settings: MeasureSettings) -> tuple[
     raise failure or nothing_found(find)
 
 
-def accepted(scan: Scan, way: Walk, find: Find, settings: MeasureSettings) -> tuple[Fitted, Sections, float]:
+def accepted(scan: Scan, track: Track, find: Find, settings: MeasureSettings) -> tuple[Fitted, Sections, float]:
     """Fit one track, and refuse what is no cylinder.
 
     Raises:
         MeasureError: With the reason.
     """
     try:
-        fitted = fit_track(scan.xyz, scan.station, way, find.planes, settings)
+        fitted = fit_track(scan.xyz, scan.station, track, find.planes, settings)
     except MeasureError as error:  # nothing round there; where most is flat, that is the reason to give
         raise nothing_found(find) if find.flat_share > 0.5 else error from None
     fit = fitted.fit
-    if (error := strayed(way.radius_mm, fit.radius_mm)) is not None:
+    if (error := strayed(track.radius_mm, fit.radius_mm)) is not None:
         raise Strayed(str(error))
     limits = settings.limits.diameter_mm
     if limits is not None and not limits[0] <= 2 * fit.radius_mm <= limits[1]:

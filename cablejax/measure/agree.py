@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from cablejax.geometry.robust import COVERAGE
 from cablejax.measure.errors import MeasureError, NoCableError
 from cablejax.measure.messages import about_one_find, about_other_find, found_once
 from cablejax.measure.result import CableMeasurement
-from cablejax.measure.robust import COVERAGE
 
 NEAR = 0.5  # radii between the axes of what is the same thing
 ALIKE = 0.02  # of the diameter, by which two fits to the same thing may differ whatever their intervals

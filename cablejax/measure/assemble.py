@@ -5,10 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cablejax.geometry.robust import COVERAGE, robust_std
 from cablejax.measure.accept import PER_SECTION
 from cablejax.measure.find.cables import Find
 from cablejax.measure.fit.axis import Axis, trimmed
-from cablejax.measure.fit.beams import BeamBias
+from cablejax.measure.fit.beam_noise import BeamBias
 from cablejax.measure.fit.full import Fitted, beams, higher_order
 from cablejax.measure.fit.least_squares import CableFit
 from cablejax.measure.messages import (
@@ -23,7 +24,6 @@ from cablejax.measure.messages import (
 )
 from cablejax.measure.nominal import nominal_probabilities, verdict
 from cablejax.measure.result import BudgetLine, CableMeasurement
-from cablejax.measure.robust import COVERAGE, robust_std
 from cablejax.measure.scan import Scan
 from cablejax.measure.settings import MeasureSettings
 from cablejax.measure.shape.bend import Bend, tightest_bend
@@ -32,7 +32,7 @@ from cablejax.measure.shape.profile import Profile, profile_along
 from cablejax.measure.shape.sections import Oval, Sections, oval
 from cablejax.measure.shape.stretches import ONE, Stretch, diameter_at, form_of, mean_of, stretches_of, within
 from cablejax.measure.uncertainty import alignment
-from cablejax.measure.uncertainty.budget import combined, uncertainty_budget
+from cablejax.measure.uncertainty.budget import CORRELATED, FORM, NOISE, combined, uncertainty_budget
 from cablejax.measure.uncertainty.shared_errors import shared_mm
 
 WORST_STD = 0.25  # of the diameter: beyond, the interval reaches from less than half of it to more than one and a half
@@ -146,6 +146,19 @@ def assembled(
     )
 
 
+def _one_diameter(fit: CableFit) -> _Form:
+    """The common fit alone, where no stretch is known."""
+    return _Form(
+        stretches=(),
+        residual_mm=fit.residual_mm,
+        mean_mm=None,
+        spread_mm=0.0,
+        against_mm=0.0,
+        words=ONE,
+        uneven=None,
+    )
+
+
 def _form(scan: Scan, fitted: Fitted, find: Find) -> _Form:
     """What circles of any size along the axis say about the thing's form."""
     fit = fitted.fit
@@ -161,14 +174,14 @@ def _form(scan: Scan, fitted: Fitted, find: Find) -> _Form:
     stretches = stretches_of(profile, common_std_mm=0.0, correlation=correlation)
     inside = within(stretches, 0.0, length)
     if not inside:
-        return _Form((), fit.residual_mm, None, 0.0, 0.0, ONE, None)
+        return _one_diameter(fit)
     used = fit.weight > 0
     residual = profile.distance(fit.place) - 0.5 * diameter_at(inside, fit.place.s)
     if form_of(inside) != ONE and robust_std(residual[used]) > BETTER * robust_std(fit.residual_mm[used]):
         profile = profile.subset((profile.s_mm >= 0) & (profile.s_mm <= length))
         stretches = inside = stretches_of(profile, common_std_mm=0.0, correlation=correlation, most=1)
     if not inside:
-        return _Form((), fit.residual_mm, None, 0.0, 0.0, ONE, None)
+        return _one_diameter(fit)
     mean, spread = mean_of(inside)
     one = form_of(inside) == ONE
     own = max(part.std_mm for part in inside)
@@ -204,7 +217,7 @@ def _steady(profile: Profile, length: float) -> bool:
 def _with_common(stretches: tuple[Stretch, ...], diameter: _Diameter, low: float) -> tuple[Stretch, ...]:
     """Stretches with the uncertainty that all diameters of the scan share, in proportion to them, counted from the thing's
     beginning; what the beams have added is taken off."""
-    own = ("noise, arc and number of points", "correlated residuals", "change along the length")
+    own = (NOISE, CORRELATED, FORM)
     common = combined([line for line in diameter.budget if line.source not in own])
     return tuple(
         one._replace(
@@ -260,7 +273,7 @@ def _diameter(fitted: Fitted, form: _Form, arc: float, settings: MeasureSettings
     # A thing of several diameters has no narrow interval for one, and is known all the same.
     if np.sqrt(std**2 - form.spread_mm**2) > WORST_STD * value:
         raise unknown_diameter(value, std, arc)
-    return _Diameter(value, beam, budget, std, shape, form.words)
+    return _Diameter(value_mm=value, beam=beam, budget=budget, std_mm=std, shape=shape, form=form.words)
 
 
 def _headline(fit: CableFit, shape: Oval | None, profile: alignment.Profile | None, bias_mm: float) -> float:

@@ -6,11 +6,12 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int, Num
 
+from cablejax.geometry.principal import facing_up, principal_axes
 from cablejax.measure.accept import accepted
 from cablejax.measure.assemble import assembled
 from cablejax.measure.errors import MeasureError, NoCableError
 from cablejax.measure.find.cables import Find, find_cables, several
-from cablejax.measure.find.track import Walk
+from cablejax.measure.find.track import Track
 from cablejax.measure.fit.axis import Axis, Place, locate, sampled
 from cablejax.measure.messages import about_number, nothing_found
 from cablejax.measure.result import CableMeasurement, CableScene, NotMeasured
@@ -76,9 +77,9 @@ def measure_cables(
     label = np.zeros(scan.count, dtype=np.int32)
     label[scan.rows] = _labels(scan.xyz, found)
     missed = tuple(
-        NotMeasured(2 * way.radius_mm, way.length_mm, way.axis + scan.origin, str(error))
-        for way, error in failed
-        if way is not None and not isinstance(error, NoCableError) and not _in_any(way, found)
+        NotMeasured(2 * track.radius_mm, track.length_mm, track.axis + scan.origin, str(error))
+        for track, error in failed
+        if track is not None and not isinstance(error, NoCableError) and not _in_any(track, found)
     )
     return CableScene(tuple(one.result for one in found), label, missed, about_number(len(found), len(missed), expect))
 
@@ -95,7 +96,7 @@ class _Measured(NamedTuple):
 class _Failed(NamedTuple):
     """A track that could not be measured; None for a scan without any."""
 
-    way: Walk | None
+    track: Track | None
     error: MeasureError
 
 
@@ -109,15 +110,15 @@ def _every(
     best = 0.0
     for _ in range(ROUNDS):
         find = find_cables(scan.xyz, rng=rng, every=True, limits=scan.moved(settings.limits))
-        before, best = len(found), max([best, *(way.merit for way in find.walks)])
-        failed = [] if find.walks else [_Failed(None, nothing_found(find))]
-        for way in _worth(find, LEAST_MERIT * best):
-            if _taken(find, way, found[before:]):
+        before, best = len(found), max([best, *(track.merit for track in find.tracks)])
+        failed = [] if find.tracks else [_Failed(None, nothing_found(find))]
+        for track in _worth(find, LEAST_MERIT * best):
+            if _taken(find, track, found[before:]):
                 continue
             try:
-                found.append(_one(scan, way, find, found, catalogue, settings))
+                found.append(_one(scan, track, find, found, catalogue, settings))
             except MeasureError as error:
-                failed.append(_Failed(way, error))
+                failed.append(_Failed(track, error))
                 continue
             scan = scan.subset(~np.isin(scan.rows, found[-1].rows))
         if len(found) == before or len(scan.xyz) < 50:
@@ -125,17 +126,17 @@ def _every(
     return found, failed
 
 
-def _worth(find: Find, least_merit: float) -> list[Walk]:
+def _worth(find: Find, least_merit: float) -> list[Track]:
     """The tracks that are worth a fit, the smoothest first: of cables that touch, the best track may run over several."""
     rough = ROUGH * find.surface.roughness_mm
-    worth = [way for way in find.walks if way.merit > least_merit]
-    worth = [way for way in worth if not several(way, worth)]
-    return sorted(worth, key=lambda way: -way.merit / (1 + (way.scatter_mm / rough) ** 2))
+    worth = [track for track in find.tracks if track.merit > least_merit]
+    worth = [track for track in worth if not several(track, worth)]
+    return sorted(worth, key=lambda track: -track.merit / (1 + (track.scatter_mm / rough) ** 2))
 
 
 def _one(
     scan: Scan,
-    way: Walk,
+    track: Track,
     find: Find,
     found: list[_Measured],
     catalogue: Mapping[str, float] | None,
@@ -146,8 +147,8 @@ def _one(
     Raises:
         MeasureError: If it is no cable, none of those that are sought, or runs through one that was measured.
     """
-    fitted, sections, arc = accepted(scan, way, find, settings)
-    alone = find._replace(walks=[way])  # the others are measured in their turn: none is "a second cable"
+    fitted, sections, arc = accepted(scan, track, find, settings)
+    alone = find._replace(tracks=[track])  # the others are measured in their turn: none is "a second cable"
     result = assembled(scan, fitted, sections, arc, alone, catalogue, settings)
     axis = sampled(result.axis_mm - scan.origin, step=0.2 * fitted.fit.radius_mm)
     if (why := _unwanted(result, axis, found)) is not None:
@@ -189,9 +190,9 @@ def _labels(xyz: Float[np.ndarray, "m 3"], found: list[_Measured]) -> Int[np.nda
     return label
 
 
-def _taken(find: Find, way: Walk, found: list[_Measured]) -> bool:
+def _taken(find: Find, track: Track, found: list[_Measured]) -> bool:
     """Whether a track is that of cables measured in the same round."""
-    xyz = find.surface.xyz[way.rows]
+    xyz = find.surface.xyz[track.rows]
     on = np.zeros(len(xyz), dtype=bool)
     for one in found:
         on |= _belongs(locate(one.axis, xyz), one.axis, one.radius_mm, one.result.noise_mm)
@@ -206,8 +207,8 @@ def _through(line: Float[np.ndarray, "m 3"], radius: float, other: _Measured) ->
     return bool((beside & near).mean() > 0.1)
 
 
-def _in_any(way: Walk, found: list[_Measured]) -> bool:
-    return any(_through(way.axis, way.radius_mm, other) for other in found)
+def _in_any(track: Track, found: list[_Measured]) -> bool:
+    return any(_through(track.axis, track.radius_mm, other) for other in found)
 
 
 def _numbered(found: list[_Measured], limits: SearchLimits) -> list[_Measured]:
@@ -217,6 +218,6 @@ def _numbered(found: list[_Measured], limits: SearchLimits) -> list[_Measured]:
         point = np.array(limits.near_mm)
         order = [np.linalg.norm(one.axis.xyz - point, axis=1).min() for one in found]
     else:
-        direction = np.linalg.svd(middle - middle.mean(axis=0), full_matrices=False)[2][0]
-        order = (middle - middle.mean(axis=0)) @ direction * np.sign(direction[np.argmax(np.abs(direction))])
+        center, axes, _ = principal_axes(middle)
+        order = (middle - center) @ facing_up(axes[0])
     return [found[row] for row in np.argsort(order, kind="stable")]

@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from cablejax.geometry.principal import principal_axes
 from cablejax.measure.errors import MeasureError, NoCableError
 from cablejax.measure.find.cables import Find, share
 from cablejax.measure.shape.stretches import ONE
@@ -32,7 +33,7 @@ def check_cloud(xyz: Float[np.ndarray, "n 3"], given: int) -> None:
     extent = np.ptp(xyz, axis=0)
     if extent.max() == 0:
         raise MeasureError(f"All {len(xyz)} points are equal: there is no surface to measure.")
-    spread = np.linalg.svd(xyz - xyz.mean(axis=0), compute_uv=False)
+    spread = principal_axes(xyz).std
     if spread[1] < 1e-9 * spread[0]:
         raise MeasureError("All points lie on one line: there is no surface to measure.")
 
@@ -96,7 +97,7 @@ def about_instrument(excess: float | None, *, given: bool) -> list[str]:
 
 def nothing_found(find: Find) -> MeasureError:
     """The error for a scan without a cable: a plane instead, or nothing round, or nothing within the limits."""
-    if (limits := find.limits.in_words()) and not find.walks:
+    if (limits := find.limits.in_words()) and not find.tracks:
         return NoCableError(f"No cable found with {limits}: widen the limits, or cut the scan closer to the cable.")
     if find.planes and find.flat_share > 0.5:
         return NoCableError(
@@ -120,7 +121,7 @@ def arc_too_small(arc_deg: float, least_deg: float, find: Find) -> MeasureError:
 
 
 def arc_too_small_for_errors(arc_deg: float, least_deg: float, shared_mm: float) -> MeasureError:
-    """The error for a short arc seen by a scanner whose errors hang together."""
+    """The error for a short arc seen by a scanner whose errors are correlated."""
     return MeasureError(
         f"The diameter cannot be told: neighbouring points share errors of {shared_mm:.2g} mm, as on glossy surfaces or behind a "
         f"filter, and over {arc_deg:.0f} degrees of the circumference these look like another diameter; at least {least_deg:.0f} "
@@ -259,8 +260,8 @@ def warnings_about(
             f"Only {arc_deg:.0f} degrees of the circumference were seen: the section is taken to be round, "
             "and an oval one would not show."
         )
-    for number, second in enumerate(find.walks[1:], 1):
-        first, *between = find.walks[:number]
+    for number, second in enumerate(find.tracks[1:], 1):
+        first, *between = find.tracks[:number]
         alike = 0.5 < 2 * second.radius_mm / diameter_mm < 2 and second.length_mm > 0.3 * first.length_mm
         if alike and share(second, first) < 0.1 and all(share(second, better) < 0.3 for better in between):
             out.append(

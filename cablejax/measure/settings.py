@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass, field
 
-from cablejax.measure.fit.beams import Instrument
+from cablejax.measure.fit.beam_noise import Instrument
 
 Point = tuple[float, float, float]
 

@@ -8,11 +8,11 @@ from cablejax.nets.depth import depth_image
 from cablejax.nets.diameter import SizeEstimate
 from cablejax.nets.enhancement import FeatureEnhancement
 from cablejax.nets.fusion import FeatureFusion
+from cablejax.nets.input_channels import PosedClouds, pose_clouds
 from cablejax.nets.labelling import PartLabels, label_parts
 from cablejax.nets.models import MODELS, build_model, count_parameters
 from cablejax.nets.norm import BatchNorm
-from cablejax.nets.parts import PartNetwork
-from cablejax.nets.pose import pose_clouds
+from cablejax.nets.part_network import PartNetwork
 from cablejax.nets.pretrained import Pretrained, WeightsError, load_pretrained, pretrained_names
 
 __all__ = [
@@ -32,6 +32,7 @@ __all__ = [
     "PartNetwork",
     "PointNet",
     "PointNet2",
+    "PosedClouds",
     "Pretrained",
     "ResNet50",
     "SizeEstimate",

@@ -13,7 +13,7 @@ from cablejax.nets.enhancement import FeatureEnhancement
 from cablejax.nets.fusion import FeatureFusion
 from cablejax.nets.head import Classifier, PooledLayer
 from cablejax.nets.init import lecun_normal
-from cablejax.nets.pose import PosedClouds, pose_channels, pose_clouds
+from cablejax.nets.input_channels import PosedClouds, pose_channels, pose_clouds
 from cablejax.ops.raster import cylinder_raster, raster_taps, sample_raster
 
 

@@ -9,8 +9,8 @@ from flax import nnx
 from jaxtyping import Array, Bool, Float
 
 from cablejax.nets.head import Classifier
-from cablejax.nets.parts import PartNetwork, local_shape
-from cablejax.nets.pose import RADIUS_MM, RADIUS_SPREAD_MM
+from cablejax.nets.input_channels import RADIUS_MM, RADIUS_SPREAD_MM
+from cablejax.nets.part_network import PartNetwork, local_shape
 from cablejax.ops.weighted_cylinder import WeightedCylinder, principal_axes, weighted_cylinder
 
 NU = 5.0  # degrees of freedom of the fit's error: Student's t, for some fits are far off

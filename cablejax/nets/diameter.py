@@ -8,7 +8,7 @@ from flax import nnx
 from jaxtyping import Array, Float
 
 from cablejax.nets.init import lecun_normal
-from cablejax.nets.pose import RADIUS_MM, RADIUS_SPREAD_MM
+from cablejax.nets.input_channels import RADIUS_MM, RADIUS_SPREAD_MM
 
 LEAST_STD_MM = 1e-3  # keeps the likelihood finite where a few clouds are met exactly
 

@@ -9,7 +9,7 @@ from jaxtyping import Array, Bool, Float
 
 from cablejax.nets.init import he_normal, lecun_normal
 from cablejax.nets.norm import BatchNorm
-from cablejax.ops.largest import largest
+from cablejax.ops.maximum import largest
 from cablejax.ops.product import gram, row_product
 
 

@@ -20,7 +20,7 @@ import numpy as np
 from flax import nnx
 
 from cablejax.nets.models import build_model
-from cablejax.nets.parts import PartNetwork
+from cablejax.nets.part_network import PartNetwork
 
 FOLDER = files("cablejax.nets") / "weights"
 LICENCE = "Apache-2.0"

@@ -7,8 +7,8 @@ import jax
 import jax.numpy as jnp
 from flax import nnx
 
+from cablejax.nets.input_channels import RADIUS_MM
 from cablejax.nets.models import MODELS, build_model, count_parameters
-from cablejax.nets.pose import RADIUS_MM
 
 
 class Cost(NamedTuple):

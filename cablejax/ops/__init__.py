@@ -36,7 +36,7 @@ from cablejax.ops.neighbors import (
 from cablejax.ops.normals import NormalResult, estimate_normals
 from cablejax.ops.orient import orient_normals
 from cablejax.ops.outliers import OutlierResult, median_outliers, radius_outliers, statistical_outliers
-from cablejax.ops.raster import cylinder_raster, raster_taps, sample_raster
+from cablejax.ops.raster import RasterTaps, cylinder_raster, raster_taps, sample_raster
 from cablejax.ops.rigid import invert, kabsch, se3_exp, se3_log, transform
 from cablejax.ops.sampling import Sample, ball_query, farthest_point_sampling
 from cablejax.ops.sharded import query_sharded
@@ -55,6 +55,7 @@ __all__ = [
     "OutlierResult",
     "RadiusCount",
     "RadiusResult",
+    "RasterTaps",
     "Sample",
     "SearchTree",
     "SymmetricEigen",

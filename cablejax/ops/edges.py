@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from cablejax.ops.cloud_by_cloud import cloud_by_cloud
-from cablejax.ops.largest import largest
+from cablejax.ops.maximum import largest
 from cablejax.ops.product import row_product
 
 

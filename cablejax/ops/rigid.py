@@ -143,7 +143,7 @@ def kabsch(
 
     Args:
         source: Points `[n, 3]`.
-        target: Their partners `[n, 3]`, in the same unit.
+        target: The corresponding points `[n, 3]`, in the same unit.
         weights: Weight of each pair `[n]`, none negative, not all zero; zero for padding. One each if None.
 
     Returns:

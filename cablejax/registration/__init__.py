@@ -1,13 +1,13 @@
 """Registration: the rigid motion between scans, and which parts of it the scans leave open."""
 
+from cablejax.geometry.normals import surface_normals
+from cablejax.geometry.voxels import voxel_means
 from cablejax.registration.automatic import Alignment, register_auto
 from cablejax.registration.coarse import CoarseStart, coarse_start
 from cablejax.registration.icp import icp
-from cablejax.registration.normals import surface_normals
 from cablejax.registration.pyramid import register
 from cablejax.registration.result import RegistrationResult
 from cablejax.registration.stations import Stations, register_stations
-from cablejax.registration.voxels import voxel_means
 
 __all__ = [
     "Alignment",

@@ -6,16 +6,16 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Num
 
+from cablejax.geometry.normals import nearest, plain_tree, surface_normals
+from cablejax.geometry.voxels import voxel_means
 from cablejax.registration.coarse import coarse_start
+from cablejax.registration.gauss_newton import Kernel, Method
 from cablejax.registration.icp import check_points, host_points
-from cablejax.registration.normals import nearest, plain_tree, surface_normals
 from cablejax.registration.pyramid import register
 from cablejax.registration.result import RegistrationResult
-from cablejax.registration.step import Kernel, Method
-from cablejax.registration.voxels import voxel_means
 
 COARSE, FINE = 1_500, 24_000  # voxels that hold points at the coarsest and, at most, at the finest level
-REACH = 1.5  # finest voxels within which a point lies on the other scan
+NEAR = 1.5  # finest voxels within which a point lies on the other scan
 ALIKE_COS = 0.8  # of the angle between normals of the same surface
 LEAST_OVERLAP = 0.1  # of either scan, below which the motion is a guess
 DOUBTFUL_OVERLAP = 0.3  # below which other motions may explain as much
@@ -31,7 +31,7 @@ class Alignment(NamedTuple):
         result: The registration, at the finest level.
         voxels: Sides of the voxels, coarse to fine, in the clouds' unit.
         start: Where the best one began: "given", "centres" or "features".
-        overlap: Share of the source that lies on the target with normals alike, within `REACH` finest voxels.
+        overlap: Share of the source that lies on the target with normals alike, within `NEAR` finest voxels.
         rival: The same of the best other motion; None where all starts came to the same.
         doubts: What speaks against the result, in words; empty where nothing does.
     """
@@ -91,7 +91,14 @@ def register_auto(
             f"least {100 * LEAST_OVERLAP:.0f} % are needed; the scans share too little, or are in different units"
         )
     rival = max(others, default=None)
-    return Alignment(found, voxels, start, best, rival, _doubts(found, best, rival, voxels[-1]))
+    return Alignment(
+        result=found,
+        voxels=voxels,
+        start=start,
+        overlap=best,
+        rival=rival,
+        doubts=_doubts(found, best, rival, voxels[-1]),
+    )
 
 
 def scales_of(xyz: Float[np.ndarray, "n 3"]) -> tuple[float, ...]:
@@ -131,7 +138,7 @@ class _Compared:
     def overlap(self, T: Float[np.ndarray, "4 4"]) -> float:
         """Share of the source on the target with normals alike."""
         xyz, normals = self.moving @ T[:3, :3].T + T[:3, 3], self.own @ T[:3, :3].T
-        distance, near = (found[:, 0] for found in nearest(self.tree, xyz, k=1, reach=REACH * self.voxel))
+        distance, near = (found[:, 0] for found in nearest(self.tree, xyz, k=1, max_distance=NEAR * self.voxel))
         there = self.there[np.minimum(near, len(self.fixed) - 1)]
         return float((np.isfinite(distance) & (np.abs(np.sum(there * normals, axis=1)) > ALIKE_COS)).mean())
 

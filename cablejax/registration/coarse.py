@@ -6,17 +6,17 @@ import numpy as np
 from jaxtyping import Float, Int, Num
 from scipy.spatial import KDTree
 
+from cablejax.geometry.normals import nearest, plain_tree, surface_normals
+from cablejax.geometry.voxels import voxel_means
+from cablejax.registration.correspondences import Oriented
 from cablejax.registration.features import point_features
-from cablejax.registration.normals import nearest, plain_tree, surface_normals
-from cablejax.registration.partners import Oriented
-from cablejax.registration.voxels import voxel_means
 
 TRIPLES = 200_000
 EVEN = 0.9  # least ratio of the lengths of a triple's sides in both clouds
 SHORTEST = 8.0  # voxels, of a triple's sides: short ones turn by a lot for a small error
 HYPOTHESES = 2_000
 FINALISTS = 40
-REACH = 1.5  # voxels within which a point is taken to lie on the other cloud
+NEAR = 1.5  # voxels within which a point is taken to lie on the other cloud
 
 
 class CoarseStart(NamedTuple):
@@ -58,7 +58,7 @@ def coarse_start(
     own, other = (point_features(cloud, tree, k=60) for cloud, tree in clouds)
     pairs = _matches(own, other)
     motions = _motions(moving.xyz[pairs[0]], fixed.xyz[pairs[1]], voxel, np.random.default_rng(seed))
-    return _best(motions, moving, fixed, fixed_tree, REACH * voxel)
+    return _best(motions, moving, fixed, fixed_tree, NEAR * voxel)
 
 
 def _matches(own: np.ndarray, other: np.ndarray) -> tuple[Int[np.ndarray, " c"], Int[np.ndarray, " c"]]:
@@ -93,7 +93,7 @@ def _motions(p: np.ndarray, q: np.ndarray, voxel: float, rng: np.random.Generato
     follow = np.empty(len(motions))
     for i, T in enumerate(motions):
         apart = p[sample] @ T[:3, :3].T + T[:3, 3] - q[sample]
-        follow[i] = (np.einsum("ij,ij->i", apart, apart) < (REACH * voxel) ** 2).sum()
+        follow[i] = (np.einsum("ij,ij->i", apart, apart) < (NEAR * voxel) ** 2).sum()
     return motions[np.argsort(-follow, kind="stable")[:FINALISTS]]
 
 
@@ -108,20 +108,20 @@ def _kabsch(p: Float[np.ndarray, "h k 3"], q: Float[np.ndarray, "h k 3"]) -> Flo
     return out
 
 
-def _best(motions: np.ndarray, moving: Oriented, fixed: Oriented, tree: KDTree, reach: float) -> CoarseStart:
+def _best(motions: np.ndarray, moving: Oriented, fixed: Oriented, tree: KDTree, max_distance: float) -> CoarseStart:
     """The motion that brings most of the source onto the target, with normals alike, after some plain steps of ICP."""
     sample = slice(None, None, max(1, len(moving.xyz) // 2000))
     best = CoarseStart(motions[0], -1.0)
     for T in motions:
         for _ in range(5):
             xyz = moving.xyz[sample] @ T[:3, :3].T + T[:3, 3]
-            distance, near = (found[:, 0] for found in nearest(tree, xyz, k=1, reach=2 * reach))
+            distance, near = (found[:, 0] for found in nearest(tree, xyz, k=1, max_distance=2 * max_distance))
             rows = np.isfinite(distance)
             if rows.sum() < 6:
                 break
             T = _kabsch(xyz[rows][None], fixed.xyz[near[rows]][None])[0] @ T
         xyz, normals = moving.xyz[sample] @ T[:3, :3].T + T[:3, 3], moving.normals[sample] @ T[:3, :3].T
-        distance, near = (found[:, 0] for found in nearest(tree, xyz, k=1, reach=reach))
+        distance, near = (found[:, 0] for found in nearest(tree, xyz, k=1, max_distance=max_distance))
         there = fixed.normals[np.minimum(near, len(fixed.xyz) - 1)]
         on = np.isfinite(distance) & (np.abs(np.sum(there * normals, axis=1)) > 0.8)
         if on.mean() > best.overlap:

@@ -4,8 +4,8 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
-from cablejax.registration.normals import nearest
-from cablejax.registration.partners import Oriented
+from cablejax.geometry.normals import nearest
+from cablejax.registration.correspondences import Oriented
 
 BINS = 11
 

@@ -1,4 +1,4 @@
-"""Iterative closest points: partners from a k-d tree on the host, the step under jit."""
+"""Iterative closest points: correspondences from a k-d tree on the host, the step under jit."""
 
 from typing import NamedTuple
 
@@ -6,11 +6,11 @@ import numpy as np
 from jaxtyping import Float, Num
 from scipy.spatial import KDTree
 
-from cablejax.registration.loop import Limits, State, doubtful, steps
-from cablejax.registration.normals import plain_tree, surface_normals
-from cablejax.registration.partners import Oriented, Partners, spacing_of
+from cablejax.geometry.normals import plain_tree, surface_normals
+from cablejax.registration.correspondences import Correspondences, Oriented, spacing_of
+from cablejax.registration.gauss_newton import KERNELS, METHODS, Kernel, Method, Step
 from cablejax.registration.result import RegistrationResult
-from cablejax.registration.step import KERNELS, METHODS, Kernel, Method, Step
+from cablejax.registration.steps import Limits, State, doubtful, steps
 from cablejax.types import PointCloud, Status
 
 LEAST_SHARE = 0.01  # normals that are off by 0.1 rad show a sliding cylinder a share of 0.01
@@ -74,18 +74,18 @@ def nothing(T: np.ndarray, count: int, iterations: int) -> RegistrationResult:
     unknown = np.zeros((6, 6))
     status = int(Status.EMPTY | Status.NOT_CONVERGED)
     return RegistrationResult(
-        T,
-        False,
-        iterations,
-        count,
-        float("nan"),
-        status,
-        unknown,
-        np.zeros(6),
-        unknown,
-        np.zeros(6, bool),
-        np.zeros(3),
-        0.0,
+        T_target_source=T,
+        converged=False,
+        iterations=iterations,
+        inliers=count,
+        rmse=float("nan"),
+        status=status,
+        covariance=unknown,
+        observability=np.zeros(6),
+        directions=unknown,
+        seen=np.zeros(6, bool),
+        center=np.zeros(3),
+        overlap=0.0,
     )
 
 
@@ -111,10 +111,10 @@ def icp(
         source: Points `[n, 3]`, or a padded cloud.
         target: Points `[m, 3]`, in the same unit.
         T_init: Where to begin; the identity if None.
-        method: "point" (distance to the partner), "plane" (distance to its tangent plane), or "gicp" (Segal et al.
+        method: "point" (distance to the corresponding point), "plane" (distance to its tangent plane), or "gicp" (Segal et al.
             2009: both clouds as small flat patches).
         max_iterations: Most steps.
-        max_distance: Partners are no further apart; ten times the target's median spacing if None.
+        max_distance: Corresponding points are no further apart; ten times the target's median spacing if None.
         kernel: Robust kernel on the residuals: "none", "huber", "cauchy" or "tukey".
         tolerance: Convergence: the step's displacement, in median spacings of the target; ten times that where the pairs no
             longer come nearer.
@@ -149,12 +149,12 @@ def icp(
         start,
         options,
         spacing=spacing,
-        reach=10 * spacing if max_distance is None else float(max_distance),
+        max_distance=10 * spacing if max_distance is None else float(max_distance),
     )
 
 
 class Options(NamedTuple):
-    """What `icp` is told, all but the clouds, the start and the reach."""
+    """What `icp` is told, all but the clouds, the start and the maximum distance."""
 
     method: Method
     kernel: Kernel
@@ -171,7 +171,7 @@ def between(
     options: Options,
     *,
     spacing: float,
-    reach: float,
+    max_distance: float,
     capacity: int = 0,
 ) -> RegistrationResult:
     """`icp` of clouds that have their normals, and the target its tree.
@@ -182,7 +182,7 @@ def between(
         start: Where to begin.
         options: See `icp`.
         spacing: Of the target's points, about, for the tolerance.
-        reach: Largest distance between partners.
+        max_distance: Maximum distance between corresponding points.
         capacity: Source points of the largest of several levels: smaller ones are compiled for a half, a quarter, ... of it.
     """
     # Under jit all is float32 and of order one: a twist mixes lengths with angles, so the unit must not matter.
@@ -191,10 +191,12 @@ def between(
     if min(len(moving.xyz), len(fixed.xyz)) < 6 or size == 0:
         return nothing(start, 0, 0)
     small, large = (Oriented((cloud.xyz - origin) / size, cloud.normals) for cloud in (moving, fixed))
-    partners = Partners(small, large, tree, reach=reach / size, scale=(origin, size), capacity=capacity)
+    correspondences = Correspondences(
+        small, large, tree, max_distance=max_distance / size, scale=(origin, size), capacity=capacity
+    )
     least_move = options.tolerance * spacing / size + 1e-7 * float(np.abs(large.xyz).max())
     T, state, done = _aligned(
-        partners, _scaled(_shifted(start, origin, 1), 1 / size), reach / size, least_move, options
+        correspondences, _scaled(_shifted(start, origin, 1), 1 / size), max_distance / size, least_move, options
     )
     inliers = int(state.step.inliers)
     if inliers < 6:
@@ -203,11 +205,11 @@ def between(
 
 
 def _aligned(
-    partners: Partners, T: np.ndarray, reach: float, least_move: float, options: Options
+    correspondences: Correspondences, T: np.ndarray, max_distance: float, least_move: float, options: Options
 ) -> tuple[np.ndarray, State, int]:
-    """Step under jit, ask the tree again where partners are in doubt, and so on until the motion is small."""
-    numbers = [np.float32(value) for value in (reach, least_move, options.least_share)]
-    carried, done = partners.ask(T, None), 0
+    """Step under jit, ask the tree again where correspondences are in doubt, and so on until the motion is small."""
+    numbers = [np.float32(value) for value in (max_distance, least_move, options.least_share)]
+    carried, done = correspondences.ask(T, None), 0
     while True:
         limits = Limits(*numbers, np.int32(options.max_iterations - done))  # pyright: ignore
         state: State = steps(carried, T.astype(np.float32), limits, method=options.method, kernel=options.kernel)
@@ -215,7 +217,7 @@ def _aligned(
         if not bool(state.doubtful) or done >= options.max_iterations:
             return T, state, done
         which = np.asarray(doubtful(carried, T.astype(np.float32), numbers[0]))
-        carried = partners.ask(T, which)
+        carried = correspondences.ask(T, which)
 
 
 def _result(

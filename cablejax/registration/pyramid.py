@@ -1,4 +1,4 @@
-"""Registration from coarse to fine: thinned clouds and a wide reach first, all points and a short reach last."""
+"""Registration from coarse to fine: thinned clouds and a large maximum distance first, all points and a small one last."""
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -6,12 +6,12 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 from jaxtyping import Float, Num
 
+from cablejax.geometry.normals import plain_tree
 from cablejax.registration.coarse import coarse_start
+from cablejax.registration.correspondences import Oriented
+from cablejax.registration.gauss_newton import Kernel, Method
 from cablejax.registration.icp import LEAST_SHARE, Options, between, check_options, check_points, host_points, nothing
-from cablejax.registration.normals import plain_tree
-from cablejax.registration.partners import Oriented
 from cablejax.registration.result import RegistrationResult
-from cablejax.registration.step import Kernel, Method
 from cablejax.registration.voxels import voxel_pyramid
 
 TOLERANCE, COARSE_TOLERANCE = 1e-3, 3e-2  # of the spacing: a coarse level only has to bring the next one near
@@ -22,7 +22,7 @@ def register(
     target: Num[np.ndarray, "m 3"],
     *,
     voxels: Sequence[float | int],
-    reach: float | int = 4.0,
+    max_distance_voxels: float | int = 4.0,
     T_init: Float[np.ndarray, "4 4"] | None = None,
     method: Method = "gicp",
     kernel: Kernel = "none",
@@ -36,7 +36,7 @@ def register(
         source: Points `[n, 3]`.
         target: Points `[m, 3]`, in the same unit.
         voxels: Side of the voxels at each level, coarse to fine, in that unit.
-        reach: Largest distance between partners, in voxels.
+        max_distance_voxels: Maximum distance between corresponding points, in voxels.
         T_init: Where to begin; the identity if None.
         method, kernel, max_iterations: As in `icp`.
         least_share: As in `icp`: what counts as unseen.
@@ -72,6 +72,8 @@ def register(
         tree = target_level.tree or plain_tree(large.xyz)
         tolerance = TOLERANCE if number == len(voxels) else COARSE_TOLERANCE
         options = Options(method, kernel, max_iterations, tolerance, float(least_share))
-        result = between(small, large, tree, T, options, spacing=size, reach=reach * size, capacity=capacity)
+        result = between(
+            small, large, tree, T, options, spacing=size, max_distance=max_distance_voxels * size, capacity=capacity
+        )
         T = result.T_target_source
     return result

@@ -15,8 +15,8 @@ class RegistrationResult(NamedTuple):
         T_target_source: The motion `[4, 4]`, float64: it takes source points into the target's frame.
         converged: Whether the last step moved the points by less than the tolerance.
         iterations: Steps taken.
-        inliers: Source points with a partner within the largest distance.
-        rmse: Root mean square distance between partners, in the cloud's unit.
+        inliers: Source points with a corresponding point within the largest distance.
+        rmse: Root mean square distance between corresponding points, in the cloud's unit.
         status: Bits of `cablejax.types.Status`: `DEGENERATE` where some direction is not seen, `NOT_CONVERGED`, `EMPTY`.
         covariance: Of the twist about `center` `[6, 6]`, within the directions that are seen; zero across the others, of
             which the scans say nothing.
@@ -25,7 +25,7 @@ class RegistrationResult(NamedTuple):
         directions: The twists of these directions `[6, 6]`, one a column, each moving the points by 1 (root mean square).
         seen: Which directions were moved along `[6]`.
         center: Centre of the target's inliers `[3]`.
-        overlap: Share of the source points (of the thinned ones, in `register`) that have a partner.
+        overlap: Share of the source points (of the thinned ones, in `register`) that have a corresponding point.
     """
 
     T_target_source: Float[np.ndarray, "4 4"]

@@ -8,12 +8,12 @@ import numpy as np
 from jaxtyping import Float, Num
 
 from cablejax.registration.coarse import coarse_start
+from cablejax.registration.gauss_newton import Kernel, Method
 from cablejax.registration.graph import edge_of, solve_graph, spanning
 from cablejax.registration.pyramid import register
 from cablejax.registration.result import RegistrationResult
-from cablejax.registration.step import Kernel, Method
 
-LEAST_OVERLAP = 0.2  # share of the thinned source with a partner, below which a pair says too little
+LEAST_OVERLAP = 0.2  # share of the thinned source with a corresponding point, below which a pair says too little
 ROUNDS = 2  # pairs are registered again from where the graph puts them
 
 
@@ -23,7 +23,7 @@ class Stations(NamedTuple):
     Attributes:
         T_world_station: Pose of each station `[s, 4, 4]`; the world is the first station's frame.
         pairs: The registrations that were used, by (source, target).
-        rmse: Root mean square distance between partners, over all pairs, in the clouds' unit.
+        rmse: Root mean square distance between corresponding points, over all pairs, in the clouds' unit.
     """
 
     T_world_station: Float[np.ndarray, "s 4 4"]
@@ -37,7 +37,7 @@ def register_stations(
     voxels: Sequence[float | int],
     T_world_station: Float[np.ndarray, "s 4 4"] | None = None,
     start: str = "given",
-    reach: float | int = 2.0,
+    max_distance_voxels: float | int = 2.0,
     method: Method = "gicp",
     kernel: Kernel = "none",
 ) -> Stations:
@@ -51,8 +51,8 @@ def register_stations(
         voxels: Sides of the voxels, coarse to fine, as in `register`.
         T_world_station: Poses to begin with `[s, 4, 4]`; the identity for all if None.
         start: "given" for these poses, "features" to find coarse ones by `coarse_start` at the coarsest voxel.
-        reach: Largest distance between partners, in voxels. Stations see different parts of a cable: a wide reach pairs
-            the rim of one part with what lies next to it in the other.
+        max_distance_voxels: Maximum distance between corresponding points, in voxels. Stations see different parts of a
+            cable: a large one pairs the rim of one part with what lies next to it in the other.
         method, kernel: As in `register`.
 
     Raises:
@@ -85,8 +85,8 @@ def register_stations(
             else:
                 begin = np.linalg.inv(poses[target]) @ poses[source]
             found = register(
-                clouds[source], clouds[target], voxels=voxels if number == 0 else voxels[-1:], reach=reach,
-                T_init=begin, method=method, kernel=kernel,
+                clouds[source], clouds[target], voxels=voxels if number == 0 else voxels[-1:],
+                max_distance_voxels=max_distance_voxels, T_init=begin, method=method, kernel=kernel,
             )  # fmt: skip
             if found.overlap >= LEAST_OVERLAP:
                 pairs[source, target] = found

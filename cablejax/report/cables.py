@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 
+from cablejax.geometry.principal import facing_up
 from cablejax.optional import require
 from cablejax.report.measurement import Measured, budget_table, profile_figure, quantities
 from cablejax.report.page import Page
@@ -114,12 +115,12 @@ def _directions(scene: Cables, xyz_mm: np.ndarray) -> np.ndarray:
     """Along most of the cables, across them where the scan is widest, and up: three unit vectors `[3, 3]`."""
     way = np.array([one.axis_mm[-1] - one.axis_mm[0] for one in scene.cables])
     along = np.linalg.svd(way, full_matrices=False)[2][0]
-    along = along * np.sign(along[np.argmax(np.abs(along))])
+    along = facing_up(along)
     points = xyz_mm[np.asarray(scene.label) > 0]
     rest = points - points.mean(axis=0)
     rest = rest - np.outer(rest @ along, along)
     across = np.linalg.svd(rest[thin(len(rest))], full_matrices=False)[2][0]
-    across = across * np.sign(across[np.argmax(np.abs(across))])
+    across = facing_up(across)
     return np.stack([along, across, np.cross(along, across)])
 
 

@@ -5,9 +5,10 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 
+from cablejax.geometry.robust import COVERAGE
 from cablejax.optional import require
 from cablejax.report.page import Page
-from cablejax.report.scene import point_scene
+from cablejax.report.scene import SCALE, point_scene
 from cablejax.report.style import COLORS, figure_style
 
 if TYPE_CHECKING:
@@ -155,7 +156,7 @@ def quantities(m: Measured) -> list[list[str]]:
 
     rows = [["diameter", f"{m.diameter_mm:.3f}", interval(m.interval_mm, 3)]]
     if m.ovality is not None:
-        half = 1.96 * m.ovality_std
+        half = COVERAGE * m.ovality_std
         rows += [
             ["least and greatest diameter", f"{m.minimum_mm:.3f} and {m.maximum_mm:.3f}", ""],
             ["ovality (%)", f"{100 * m.ovality:.2f}", f"± {100 * half:.2f}"],
@@ -185,7 +186,7 @@ def _shape(m: Measured) -> list[list[str]]:
             ["ovality of the sections, middle and greatest (%)", f"{np.median(share):.2f} and {share.max():.2f}", ""],
         ]
     if (free := m.free_section) is not None:
-        half = 1.96 * free.diameter_std_mm
+        half = COVERAGE * free.diameter_std_mm
         rows += [
             ["free-form section, by its perimeter", f"{free.diameter_mm:.3f}", f"± {half:.3f} from noise"],
             ["between jaws, greatest and square to it", f"{free.square_mm[0]:.3f} and {free.square_mm[1]:.3f}", ""],
@@ -207,7 +208,9 @@ def profile_figure(m: Measured) -> "Figure":
     ax = figure.subplots()
     s, d, std = (np.asarray(a, dtype=float) for a in (m.sections.s_mm, m.sections.diameter_mm, m.sections.std_mm))
     seen = np.isfinite(d) & (std < WIDEST_SECTION * m.diameter_mm)
-    ax.errorbar(s[seen], d[seen], 1.96 * std[seen], fmt="o", ms=3, lw=1, capsize=0, color=COLORS[0], label="section")
+    ax.errorbar(
+        s[seen], d[seen], COVERAGE * std[seen], fmt="o", ms=3, lw=1, capsize=0, color=COLORS[0], label="section"
+    )
     for values, marker in ((m.sections.minimum_mm, "v"), (m.sections.maximum_mm, "^")):
         edge = np.asarray(values, dtype=float)
         drawn = seen & np.isfinite(edge)
@@ -229,7 +232,7 @@ def _surface(m: Measured) -> "Figure":
     angle = np.mod(np.asarray(m.angle_deg)[on] + 180, 360) - 180
     deviation = np.asarray(m.deviation_mm)[on]
     drawn = ax.scatter(
-        np.asarray(m.along_mm)[on], angle, c=deviation, s=2, cmap="RdBu", vmin=-limit, vmax=limit, rasterized=True
+        np.asarray(m.along_mm)[on], angle, c=deviation, s=2, cmap=SCALE, vmin=-limit, vmax=limit, rasterized=True
     )
     ax.set_ylim(-180, 180)
     ax.set_yticks([-180, -90, 0, 90, 180])

@@ -120,7 +120,7 @@ def _with_code(text: object):
     import markupsafe
 
     parts = [markupsafe.escape(part) for part in str(text).split("`")]
-    if len(parts) % 2 == 0:  # a backtick without its partner is a character like others
+    if len(parts) % 2 == 0:  # a backtick without its pair is a character like others
         return markupsafe.Markup("`").join(parts)
     return markupsafe.Markup("").join(
         markupsafe.Markup("<code>{}</code>").format(part) if i % 2 else part for i, part in enumerate(parts)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
+from cablejax.geometry.principal import principal_axes
 from cablejax.optional import require
 
 if TYPE_CHECKING:
@@ -13,7 +14,7 @@ if TYPE_CHECKING:
     from plotly.graph_objects import Figure as Figure3D
 
 MOST_POINTS = 12_000
-SCALE = "RdBu"
+SCALE = "RdBu_r"  # blue inside, red outside, as on the page of `cablejax app`
 
 
 def thin(n: int, *, most: int = MOST_POINTS) -> np.ndarray:
@@ -134,8 +135,7 @@ def point_views(
     figure = Figure(figsize=(6.6, 1.0 + 1.5 * len(clouds)))
     axes = figure.subplots(len(clouds), 1, sharex=True, squeeze=False)[:, 0]
     first = next(iter(clouds.values()))[0]
-    centre = first.mean(axis=0)
-    _, _, directions = np.linalg.svd(first[thin(len(first), most=5000)] - centre, full_matrices=False)
+    centre, directions, _ = principal_axes(first[thin(len(first), most=5000)])
     for ax, (name, (xyz, value)) in zip(axes, clouds.items(), strict=True):
         rows = thin(len(xyz))
         along, across = ((xyz[rows] - centre) @ directions[:2].T).T

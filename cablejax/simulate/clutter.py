@@ -9,9 +9,9 @@ from jaxtyping import Array, Float
 
 from cablejax.simulate.accessories import Revolved
 from cablejax.simulate.centrelines import ArcChain
-from cablejax.simulate.finish import MATTE, Finish
 from cablejax.simulate.profiles import ProfiledTube
 from cablejax.simulate.shapes import Tube
+from cablejax.simulate.sheath import MATTE, Finish
 from cablejax.simulate.surface import Part, SurfacePoint, label
 
 Cabling = Tube | ProfiledTube | Revolved

@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from cablejax.simulate.catalogue import XLPE_MM, catalogue
 from cablejax.simulate.clouds import VERSIONS, draw_cloud, limits_of, raster_of
+from cablejax.simulate.nominal import XLPE_MM, catalogue
 from cablejax.simulate.pose import canonical_pose, centred
 from cablejax.simulate.presets import numbers_of
 

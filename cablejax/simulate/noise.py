@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from cablejax.simulate.scanner import Scan
+from cablejax.simulate.scan import Scan
 from cablejax.simulate.surface import signed_distance
 
 Kind = Literal["gaussian", "random", "compound"]

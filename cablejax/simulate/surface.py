@@ -1,5 +1,6 @@
 """What every surface of a scene answers, and the labels of its parts."""
 
+from enum import IntEnum
 from typing import NamedTuple
 
 import jax
@@ -9,7 +10,7 @@ from jaxtyping import Array, Float, Int
 from cablejax.simulate.centrelines import Centreline
 
 
-class Part:
+class Part(IntEnum):
     """Part labels of `Scan.part`."""
 
     CABLE = 0

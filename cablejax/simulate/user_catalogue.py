@@ -4,7 +4,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from cablejax.simulate.catalogue import Cable
+from cablejax.simulate.nominal import Cable
 
 NUMBERS = ("size_mm2", "diameter_mm", "conductor_mm", "insulation_mm", "sheath_mm")
 TEXTS = ("name", "voltage_kv", "source")
@@ -56,7 +56,16 @@ def _cable(entry: Any, where: str) -> Cable:
     numbers = (_number(entry[key], f"{where}, {key}") if key in entry else math.nan for key in NUMBERS)
     size, diameter, conductor, insulation, sheath = numbers
     name, voltage, source = (str(entry.get(key, "")) for key in TEXTS)
-    return Cable(name, size, voltage, diameter, conductor, insulation, sheath, source)
+    return Cable(
+        name=name,
+        size_mm2=size,
+        voltage_kv=voltage,
+        diameter_mm=diameter,
+        conductor_mm=conductor,
+        insulation_mm=insulation,
+        sheath_mm=sheath,
+        source=source,
+    )
 
 
 def _number(value: Any, where: str) -> float:

@@ -12,8 +12,9 @@ import numpy as np
 from cablejax.batch import Engine, Here, Task
 from cablejax.io import PointWriter, iter_points
 from cablejax.ops import Trial, choose_alpha, pilot_places, usual_noise
-from cablejax.tiles.folder import Folder
-from cablejax.tiles.plan import add, cut, empty_grid
+from cablejax.tiles.folder import Folder, TilePoints
+from cablejax.tiles.plan import Tile, add, cut, empty_grid
+from cablejax.tiles.region import region_of
 from cablejax.tiles.survey import blocks, survey, typical_reach
 from cablejax.tiles.work import PILOT_ROWS, QUERIES, STRAYS
 
@@ -100,7 +101,7 @@ def denoise_file(
     about = source.stat() if source.exists() else None
     job = {
         "source": str(source.resolve()), "size": about and about.st_size, "changed": about and about.st_mtime_ns,
-        "unit": unit, "columns": columns, "tile_points": tile_points, "chunk": chunk, **asdict(settings),
+        "unit": unit, "columns": columns, "tile_points": tile_points, "chunk": chunk, "layout": 2, **asdict(settings),
     }  # fmt: skip
     place = Path(folder) if folder is not None else target.with_name(target.name + ".tiles")
     run = _Run(Folder.of_job(place, job), settings, tile_points, engine or Here(), progress or (lambda *_: None))
@@ -125,7 +126,7 @@ class _Run:
         self.progress = progress
 
     def prepare(self, source: Path, unit: str, columns: str | None, chunk: int) -> None:
-        """Read the file, cut it into tiles, and write each tile's points into a file of its own."""
+        """Read the file, cut it into tiles, and where each does not fetch its points itself write them into its file."""
         self.about = self.folder.done("survey")
         if self.about is None:
             self.progress("reading", 0, 1)
@@ -137,6 +138,7 @@ class _Run:
         if self.n <= least:
             raise ValueError(f"points: expected more than {least}, got {self.n}")
         self.points = self.folder.column("points", np.float32, (self.n, 3))
+        self.region = region_of(source, unit, self.about)
         plan = self.folder.done("plan")
         if plan is None:
             self.progress("cutting", 0, 1)
@@ -152,13 +154,18 @@ class _Run:
             add(grid, xyz.astype(np.float64))
         tiles = cut(grid, halo=halo, capacity=self.capacity)
         self.folder.clear_spool()
+        if self.region is None:
+            self._spool(tiles)
+        return {"halo": halo, "boxes": [[t.lower.tolist(), t.upper.tolist()] for t in tiles]}
+
+    def _spool(self, tiles: list[Tile]) -> None:
+        """Write each tile's points into a file of its own, in one pass over all."""
         for row, xyz in blocks(self.points, 1_000_000):
             wide = xyz.astype(np.float64)
             for i, tile in enumerate(tiles):
                 near = np.nonzero(tile.outer(wide))[0]
                 if len(near):
-                    self.folder.spool(i, row[near], xyz[near], tile.inner(wide[near]))
-        return {"halo": halo, "boxes": [[t.lower.tolist(), t.upper.tolist()] for t in tiles]}
+                    self.folder.spool(i, TilePoints(row[near], xyz[near], tile.inner(wide[near])))
 
     def _each(self, stage: str, function: str, *, box: bool = False, **arguments: Any) -> Iterator[tuple[int, Any]]:
         """Work on the tiles that a stage has still to do: number and what was returned, in any order.
@@ -191,17 +198,23 @@ class _Run:
         if self.folder.done("removal") is not None:
             return
         score = self.folder.column("score", np.float32, (self.n,))
-        for i, cut_off in self._each("scoring", "score", box=True, removal_k=self.settings.removal_k):
+        given = {"removal_k": self.settings.removal_k, "region": self.region}
+        for i, told in self._each("scoring", "score", box=True, **given):
             found = self.folder.take(f"scoring {i}")
             score[found["row"]] = found["score"]
             score.flush()
-            self.folder.finish(f"scoring {i}", cut_off)
+            self.folder.finish(f"scoring {i}", told)
+        held = sum(self.folder.done(f"scoring {i}")["own"] for i in range(len(self.boxes)))
+        if self.region is not None and held != self.n:
+            raise TileError(
+                f"{self.region['source']}: its octree does not hold all points where it says: {held:,} of {self.n:,}"
+            )
         self._score_strays(score)
         self._threshold(score)
 
     def _score_strays(self, score: np.memmap) -> None:
         """Search the neighbours of points whose own tile does not hold them all in every tile."""
-        found = [np.array(self.folder.done(f"scoring {i}"), dtype=int) for i in range(len(self.boxes))]
+        found = [np.array(self.folder.done(f"scoring {i}")["strays"], dtype=int) for i in range(len(self.boxes))]
         rows = np.concatenate(found)
         if len(rows) == 0:
             return
@@ -288,6 +301,13 @@ class _Run:
         count = max(1.0, sums[3])
         alpha = (self.folder.done("alpha") or 1.0) if smooth else None
         return TiledResult(
-            removal["points"], self.about["dropped"], removal["removed"], len(self.boxes),
-            self.halo, alpha, float(np.sqrt(sums[0] / count)), float(sums[1] / count), int(sums[2]),
-        )  # fmt: skip
+            points=removal["points"],
+            dropped=self.about["dropped"],
+            removed=removal["removed"],
+            tiles=len(self.boxes),
+            halo_mm=self.halo,
+            alpha=alpha,
+            moved_rms_mm=float(np.sqrt(sums[0] / count)),
+            width_mm=float(sums[1] / count),
+            cut=int(sums[2]),
+        )

@@ -74,12 +74,15 @@ class Folder:
                 file.truncate(size)
         return np.memmap(path, dtype=dtype, mode="r+", shape=shape)
 
-    def spool(self, tile: int, row: np.ndarray, xyz: np.ndarray, inner: np.ndarray) -> None:
+    def spool(self, tile: int, points: TilePoints) -> None:
         """Add points to a tile's file."""
-        record = np.empty(len(row), dtype=RECORD)
-        record["row"], record["xyz"], record["inner"] = row, xyz, inner
         with (self.path / f"tile{tile}").open("ab") as file:
-            file.write(record.tobytes())
+            file.write(_recorded(points).tobytes())
+
+    def keep_tile(self, tile: int, points: TilePoints) -> None:
+        """Write all points of a tile, in one step."""
+        with atomic_write(self.path / f"tile{tile}") as file:
+            file.write(_recorded(points).tobytes())
 
     def tile(self, tile: int) -> TilePoints:
         """The points of a tile."""
@@ -107,6 +110,12 @@ class Folder:
     def remove(self) -> None:
         """Delete the folder."""
         shutil.rmtree(self.path)
+
+
+def _recorded(points: TilePoints) -> np.ndarray:
+    record = np.empty(len(points.row), dtype=RECORD)
+    record["row"], record["xyz"], record["inner"] = points
+    return record
 
 
 def _state(path: Path) -> dict[str, Any]:

@@ -6,10 +6,12 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
+from jax import export, lax
 from jaxtyping import Array, Float
 
-from cablejax.ops import KnnResult, adaptive_filter, knn, statistical_outliers
+from cablejax import ops
+from cablejax.ops import KnnResult, Trial, adaptive_filter, knn, statistical_outliers
+from cablejax.tiles.traces import Traced
 from cablejax.types import PointCloud
 
 
@@ -27,11 +29,17 @@ class Smoothed(NamedTuple):
     need: Float[Array, " m"]
 
 
+for kind in (PointCloud, Trial, Smoothed):
+    export.register_namedtuple_serialization(kind, serialized_name=f"cablejax.{kind.__name__}")
+width_trial = Traced(ops.width_trial)
+
+
 def padded(xyz: Float[np.ndarray, "m 3"], capacity: int) -> PointCloud:
     """A tile in the one shape that all tiles have."""
     return PointCloud.from_xyz(xyz, capacity=capacity)
 
 
+@Traced
 @partial(jax.jit, static_argnames=("removal_k",))
 def scores(cloud: PointCloud, *, removal_k: int) -> tuple[Float[Array, " m"], Float[Array, " m"]]:
     """The score of each point in `statistical_outliers` and the distance of the last neighbour that it rests on."""
@@ -40,6 +48,7 @@ def scores(cloud: PointCloud, *, removal_k: int) -> tuple[Float[Array, " m"], Fl
     return score, _reach(found)
 
 
+@Traced
 @partial(jax.jit, static_argnames=("k", "order", "refinements"))
 def smooth(
     cloud: PointCloud, keep: Array, alpha: Array, usual: Array, *, k: int, order: int, refinements: int
@@ -68,6 +77,7 @@ def _farthest(near: Array, keep: Array, need: Array) -> Array:
     return lax.fori_loop(0, near.shape[0], at_slot, jnp.zeros_like(need))
 
 
+@Traced
 @partial(jax.jit, static_argnames=("removal_k",))
 def nearest(cloud: PointCloud, queries: Float[Array, "q 3"], *, removal_k: int) -> Float[Array, "q k"]:
     """Squared distances of queries to their nearest points in a tile, inf where it holds fewer."""

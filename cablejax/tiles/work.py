@@ -9,10 +9,10 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from cablejax.ops import width_trial
 from cablejax.tiles import kernels
 from cablejax.tiles.folder import Folder, TilePoints
 from cablejax.tiles.plan import Tile
+from cablejax.tiles.region import fetched
 
 QUERIES = 1024  # strays searched at once
 PILOTS = 256  # pilot points of a tile at once
@@ -20,15 +20,27 @@ STRAYS = "strays.npy"
 PILOT_ROWS = "pilots.npy"
 
 
-def score(*, folder: str, tile: int, box: list[Any], capacity: int, removal_k: int) -> list[int]:
-    """Scores of the tile's own points; returns the rows whose neighbours it does not all hold."""
+def score(
+    *, folder: str, tile: int, box: list[Any], capacity: int, removal_k: int, region: dict[str, Any] | None
+) -> dict[str, Any]:
+    """Scores of the tile's own points.
+
+    Args:
+        folder, tile, box, capacity, removal_k: As for all work here.
+        region: Where the points have still to be fetched, as `region.fetched` takes it.
+
+    Returns:
+        How many points are the tile's own, and the rows of those whose neighbours it does not all hold (`strays`).
+    """
     place = Folder.existing(folder)
+    if region is not None:
+        place.keep_tile(tile, fetched(_tile(box), **region))
     points = place.tile(tile)
     values, reach = kernels.scores(kernels.padded(points.xyz, capacity), removal_k=removal_k)
     mine = np.nonzero(points.inner)[0]
     place.leave(f"scoring {tile}", row=points.row[mine], score=np.asarray(values)[mine])
     cut_off = np.asarray(reach)[mine] >= _tile(box).slack(points.xyz[mine].astype(np.float64))
-    return points.row[mine][cut_off].tolist()
+    return {"own": len(mine), "strays": points.row[mine][cut_off].tolist()}
 
 
 def strays(*, folder: str, tile: int, capacity: int, removal_k: int) -> None:
@@ -52,7 +64,7 @@ def width(*, folder: str, tile: int, capacity: int, n: int, k: int, order: int) 
         some = np.full(PILOTS, -1, dtype=np.int32)
         part = rows[start : start + PILOTS]
         some[: len(part)] = part
-        parts.append(width_trial(cloud, keep, jnp.asarray(some), k=k, order=order))
+        parts.append(kernels.width_trial(cloud, keep, jnp.asarray(some), k=k, order=order))
     fields = zip(*parts, strict=True)
     names = parts[0]._fields if parts else ()
     place.leave(f"width {tile}", **{name: np.concatenate(f, -1) for name, f in zip(names, fields, strict=True)})

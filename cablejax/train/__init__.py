@@ -1,12 +1,15 @@
 """Training: optimizers by name, one loop that can be killed at any moment, and the paper's two accuracies."""
 
+from cablejax.train.batched_fits import fit_together
+from cablejax.train.classify import classify_cable
 from cablejax.train.config import TrainConfig
 from cablejax.train.engine import TrainingDiverged
+from cablejax.train.fitting import TrainResult, fit
 from cablejax.train.history import EpochRecord, best_epoch
-from cablejax.train.loop import TrainResult, fit
 from cablejax.train.losses import cross_entropy
 from cablejax.train.metrics import (
     Clouds,
+    DiameterMetrics,
     Metrics,
     class_average_accuracy,
     confusion_matrix,
@@ -15,12 +18,12 @@ from cablejax.train.metrics import (
     overall_accuracy,
 )
 from cablejax.train.optimizers import OPTIMIZERS, make_optimizer
-from cablejax.train.together import fit_together
 from cablejax.train.transfer import Transferred, initialise_from
 
 __all__ = [
     "OPTIMIZERS",
     "Clouds",
+    "DiameterMetrics",
     "EpochRecord",
     "Metrics",
     "TrainConfig",
@@ -29,6 +32,7 @@ __all__ = [
     "Transferred",
     "best_epoch",
     "class_average_accuracy",
+    "classify_cable",
     "confusion_matrix",
     "cross_entropy",
     "evaluate",

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Any
 
 import jax
@@ -15,9 +16,25 @@ from cablejax.train.config import TrainConfig
 from cablejax.train.history import EpochRecord
 from cablejax.train.memory import release_freed_memory
 from cablejax.train.metrics import Clouds, Metrics, also_learnt, arrays_of, predict, score_all
-from cablejax.train.optimizers import OPTIMIZERS, evaluation_params, make_optimizer
+from cablejax.train.optimizers import (
+    OPTIMIZERS,
+    OptimizerKey,
+    evaluation_params,
+    make_optimizer,
+    optimizer_key,
+    optimizer_of,
+)
 from cablejax.train.placement import Placement
-from cablejax.train.step import Data, Schedule, StepReport, TrainState, make_runner, rate_at
+from cablejax.train.update import Compiled, Data, Schedule, StepReport, TrainState, make_runner, rate_at
+
+PROGRAMS = 12  # kept: of a study's optimizers, one each
+
+
+@lru_cache(maxsize=PROGRAMS)
+def _program(graphdef: Any, optimizer: OptimizerKey, config: Compiled, everywhere: Any) -> tuple[Any, dict[Any, Any]]:
+    """The training call to be compiled, and what it was compiled to, by shapes: one for all seeds, rates and options."""
+    function = make_runner(graphdef, optimizer_of(optimizer), config)
+    return jax.jit(function, donate_argnums=0, out_shardings=everywhere), {}
 
 
 class TrainingDiverged(RuntimeError):
@@ -115,6 +132,7 @@ class Engine:
             ),
             grad_norm=float(norm.mean(dtype=np.float64)),
             seconds=seconds,
+            losses=loss.tolist(),
         )
         return state, record
 
@@ -138,16 +156,24 @@ class Engine:
         return nnx.merge(self.eval_graphdef, *self.placement.local(weights), copy=True)
 
     def _compiled(self, state: TrainState, data: Data, rows: Array) -> Callable[..., tuple[TrainState, StepReport]]:
-        """The compiled training call; compiles on first use."""
+        """The compiled training call; compiles on first use, or takes what an engine of the same program compiled."""
         if self._run is None:
-            start = time.perf_counter()
-            function = make_runner(self.graphdef, self.optimizer, self.config, full_set=self.full_set)
+            config, start = self.config, time.perf_counter()
             everywhere = None if len(self.placement.devices) == 1 else self.placement.everywhere
-            jitted = jax.jit(function, donate_argnums=0, out_shardings=everywhere)
-            self._run = jitted.lower(state, data, rows, self.schedule).compile()
-            release_freed_memory()
+            jitted, compiled = _program(
+                self.graphdef, optimizer_key(config.optimizer, config.clip_norm, config.optimizer_options),
+                Compiled.of(config), everywhere,
+            )  # fmt: skip
+            arguments = (state, data, rows, self.schedule)
+            shapes = jax.tree.structure(arguments), tuple(map(jax.typeof, jax.tree.leaves(arguments)))
+            if shapes not in compiled:
+                compiled[shapes] = jitted.lower(*arguments).compile()
+                release_freed_memory()
+            self._run = compiled[shapes]
             self.compile_seconds = time.perf_counter() - start
-        return self._run
+        run = self._run
+        assert run is not None
+        return run
 
     def _check(self, report: StepReport, state: TrainState, epoch: int, call: int, rows: Array) -> None:
         bad = ~np.isfinite(report.loss)

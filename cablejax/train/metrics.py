@@ -9,6 +9,7 @@ import numpy as np
 from flax import nnx
 from jaxtyping import Array, Int
 
+from cablejax.geometry.robust import COVERAGE
 from cablejax.train.losses import cross_entropy
 
 
@@ -188,7 +189,7 @@ def diameter_score(mean: np.ndarray, std: np.ndarray, truth: np.ndarray) -> Diam
         DiameterMetrics(rmse_mm=0.5, coverage=0.5)
     """
     error = np.asarray(mean, np.float64) - truth
-    return DiameterMetrics(round(float(np.sqrt(np.mean(error**2))), 9), float(np.mean(np.abs(error) <= 1.96 * std)))
+    return DiameterMetrics(round(float(np.sqrt(np.mean(error**2))), 9), float(np.mean(np.abs(error) <= COVERAGE * std)))
 
 
 def score(logits: np.ndarray, labels: np.ndarray) -> Metrics:

@@ -95,6 +95,39 @@ def make_optimizer(
     )
 
 
+class OptimizerKey(NamedTuple):
+    """What of an optimizer is compiled in: all but the numbers, which its state holds.
+
+    Attributes:
+        name: One of `OPTIMIZERS`.
+        clip_norm: See `make_optimizer`.
+        numbers: Names of the options given that are numbers.
+        others: The options given that are none, with their values.
+    """
+
+    name: str
+    clip_norm: float | None
+    numbers: frozenset[str]
+    others: frozenset[tuple[str, Any]]
+
+
+def optimizer_key(name: str, clip_norm: float | None, options: Mapping[str, Any]) -> OptimizerKey:
+    """The same for optimizers that differ in rate and numbers alone: a program compiled for one does for all."""
+    numbers = {key for key, value in options.items() if _is_number(value)}
+    others = frozenset((key, value) for key, value in options.items() if key not in numbers)
+    return OptimizerKey(name, clip_norm, frozenset(numbers), others)
+
+
+def optimizer_of(key: OptimizerKey) -> optax.GradientTransformation:
+    """An optimizer of a key; its updates go by the numbers of the state that it is given."""
+    options = {**dict.fromkeys(key.numbers, 0.5), **dict(key.others)}
+    return make_optimizer(key.name, 1.0, clip_norm=key.clip_norm, **options)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
 def evaluation_params(opt_state: Any, params: Any) -> Any:
     """The parameters to evaluate: the running average where the optimizer is schedule-free, else those that it updates."""
     leaves = jax.tree.leaves(opt_state, is_leaf=_is_schedule_free)

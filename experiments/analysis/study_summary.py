@@ -17,11 +17,17 @@ from experiments.analysis.inference import (
     wilson,
 )  # fmt: skip
 from experiments.analysis.results import Results
-from experiments.study import FINAL, PAPER_WAY, SEARCH
+from experiments.material.study_plan import FINAL, PAPER_WAY, SEARCH
 
 FAILURE = 0.5  # test accuracy below which a run has failed
-OWN = "adadelta"
+OWN = "adadelta"  # of the parts on optimizers
 PAPERS = ("sgd", "mbgd", "adagrad", "rmsprop")  # the paper's other optimizers
+# Whom the claim of a part is about.
+RIVALS = {
+    **dict.fromkeys(("study_standard_nofit", "study_standard_fit", "study_hard_nofit", "study_modelnet10"), PAPERS),
+    "study_networks": ("alexnet", "vgg16", "resnet50"),
+    "study_ablation": ("no_attention", "no_enhancement", "no_fusion"),
+}
 FULL_SET = "sgd"
 
 
@@ -32,7 +38,7 @@ class Arm(NamedTuple):
         accuracy: Interquartile mean of the test accuracy, with its bootstrap interval.
         failed: Share of runs that failed, with Wilson's interval.
         updates: Median updates to the target; infinite where half of the runs never reach it.
-        seconds: Median training seconds to it.
+        seconds: Median processor seconds to it.
         learning_rate: The chosen one.
         options: The chosen second number.
         n: Seeds.
@@ -49,28 +55,33 @@ class Arm(NamedTuple):
 
 def final_rows(results: Results, arm: str) -> list[dict[str, Any]]:
     """An arm's final runs, by seed."""
-    rows = [row for row in results.raw["runs"] if row["stage"] == FINAL and row["arm"] == arm]
+    rows = [row for row in results.runs if row["stage"] == FINAL and row["arm"] == arm]
     return sorted(rows, key=lambda row: row["seed"])
 
 
 def arms(results: Results) -> list[str]:
     """The arms whose final stage is complete, in the study's order."""
-    return list(dict.fromkeys(row["arm"] for row in results.raw["runs"] if row["stage"] == FINAL))
+    return list(dict.fromkeys(row["arm"] for row in results.runs if row["stage"] == FINAL))
+
+
+def own_arm(results: Results) -> str:
+    """The arm that the others are compared with."""
+    return results.own
 
 
 def updates_to_target(results: Results, arm: str) -> list[float]:
     """Updates until validation first reached the target, by seed; infinite where it never did."""
-    each = 1 if arm == FULL_SET else results.raw["updates_per_epoch"]
+    each = 1 if arm == FULL_SET else results.updates_per_epoch
     return [each * _epochs(results, row) for row in final_rows(results, arm)]
 
 
 def _epochs(results: Results, row: dict[str, Any]) -> float:
-    return epochs_to_target([epoch["validation_overall"] for epoch in row["history"]], results.raw["target"])
+    return epochs_to_target(row["history"]["validation_overall"], results.target)
 
 
 def _seconds(results: Results, row: dict[str, Any]) -> float:
-    reached = _epochs(results, row)
-    return math.inf if math.isinf(reached) else sum(epoch["seconds"] for epoch in row["history"][: int(reached)])
+    """Of the processor, at the run's mean an epoch, validation included: the clock tells what else the machine did."""
+    return _epochs(results, row) * row["cpu_seconds"] / max(1, len(row["history"]["seconds"]))
 
 
 def summary(results: Results, arm: str) -> Arm:
@@ -89,32 +100,40 @@ def summary(results: Results, arm: str) -> Arm:
 
 
 def comparisons(results: Results) -> dict[str, Comparison]:
-    """Adadelta's test accuracy minus that of each other tuned arm, paired by seed, Holm-adjusted; empty without Adadelta."""
+    """Test accuracy of a part's own arm minus that of each other tuned arm, paired by seed; empty without its own.
+
+    Of optimizers Holm-adjusted in two families: the paper's four others, which its claim is about, and those that came after.
+    """
     found = {arm: [row["test_overall"] for row in final_rows(results, arm)] for arm in arms(results)}
-    own = found.pop(OWN, None)
+    own = found.pop(own_arm(results), None)
     found.pop(PAPER_WAY, None)
-    return {} if own is None or not found else compare_all(own, found)
+    return {} if own is None else _by_family(own, found)
+
+
+def _by_family(own: list[float], others: dict[str, list[float]]) -> dict[str, Comparison]:
+    families = ({arm: each for arm, each in others.items() if (arm in PAPERS) == theirs} for theirs in (True, False))
+    return {arm: each for family in families if family for arm, each in compare_all(own, family).items()}
 
 
 def speed(results: Results) -> dict[str, Comparison]:
-    """log2 of the updates that each other arm takes over those of Adadelta; a run that never got there took twice the budget."""
+    """log2 of the updates that each other arm takes over a part's own; a run that never got there took twice the budget."""
     found = {arm: _log_updates(results, arm) for arm in arms(results) if arm != PAPER_WAY}
-    own = found.pop(OWN, None)
-    if own is None or not found:
+    own = found.pop(own_arm(results), None)
+    if own is None:
         return {}
-    turned = compare_all([-value for value in own], {arm: [-value for value in each] for arm, each in found.items()})
-    return turned
+    return _by_family([-value for value in own], {arm: [-value for value in each] for arm, each in found.items()})
 
 
 def _log_updates(results: Results, arm: str) -> list[float]:
-    budget = results.raw["updates_per_epoch"] * results.config("training.epochs")
+    budget = results.updates_per_epoch * results.config("training.epochs")
     return [math.log2(min(value, 2 * budget)) for value in updates_to_target(results, arm)]
 
 
 def verdict(results: Results) -> tuple[str, dict[str, Comparison]]:
-    """Whether Adadelta, tuned, is ahead of the paper's four others, and the comparisons that say so."""
-    against = {arm: each for arm, each in comparisons(results).items() if arm in PAPERS}
-    if len(against) < len(PAPERS):
+    """Whether a part's own arm is ahead of those that the paper's claim is about, and the comparisons that say so."""
+    rivals = RIVALS[results.experiment]
+    against = {arm: each for arm, each in comparisons(results).items() if arm in rivals}
+    if len(against) < len(rivals):
         return rules.CANNOT_BE, against
     return rules.verdict(against.values()), against
 
@@ -122,7 +141,7 @@ def verdict(results: Results) -> tuple[str, dict[str, Comparison]]:
 def best_of_trials(results: Results) -> dict[str, list[float]]:
     """Expected best validation accuracy of n search trials, n = 1, 2, ..., by arm."""
     found: dict[str, list[float]] = {}
-    for row in results.raw["runs"]:
+    for row in results.runs:
         if row["stage"] == SEARCH:
             found.setdefault(row["arm"], []).append(row["validation_overall"])
     return {arm: best_of(values).tolist() for arm, values in found.items()}

@@ -8,8 +8,8 @@ from experiments import ROOT
 from experiments.analysis.results import Results
 from experiments.display.drawing import Drawing
 from experiments.display.filtering.figures import scan_clouds, scan_views
-from experiments.display.further_sections import FURTHER
-from experiments.display.sections import SECTIONS, Section
+from experiments.display.section import Section
+from experiments.display.sections import SHOWN
 from experiments.display.table import Table
 
 RESULTS = ROOT / "results"
@@ -22,7 +22,7 @@ def section(title: str) -> Section:
     Raises:
         ValueError: If there is none of that title.
     """
-    found = {each.title: each for each in (*SECTIONS, *FURTHER)}
+    found = {each.title: each for each in SHOWN}
     if title not in found:
         raise ValueError(f"title: expected one of {', '.join(found)}, got {title!r}")
     return found[title]
@@ -33,19 +33,14 @@ def show(title: str, *, results: Path = RESULTS) -> None:
     from IPython.display import Markdown, display
 
     this = section(title)
-    found = this.read(results)
-    if not found:
+    if not this.read(results):
         display(Markdown(f"*No results yet: `{_maker(this.names[0])}` makes them.*"))
         return
-    for maker in this.tables:
-        table = maker(found)
-        if table is not None:
-            show_table(table)
+    for table in this.made_tables(results):
+        show_table(table)
     with figure_style():
-        for draw in this.figures:
-            drawing = draw(found)
-            if drawing is not None:
-                show_drawing(drawing)
+        for drawing in this.made_figures(results):
+            show_drawing(drawing)
 
 
 def _maker(name: str) -> str:

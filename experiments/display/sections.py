@@ -1,59 +1,26 @@
 """The order in which results are told, in terminal, README and report alike: one section for each question."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TypeVar
 
 from experiments.analysis.results import Results
+from experiments.display.benchmark_sections import BENCHMARKS
 from experiments.display.drawing import Drawing
 from experiments.display.filtering import figures as filtering_figures
 from experiments.display.filtering import tables as filtering_tables
-from experiments.display.measurement import rejection_tables
+from experiments.display.measurement import parts_tables, rejection_tables
+from experiments.display.networks import attention
 from experiments.display.networks import figures as network_figures
 from experiments.display.networks import tables as network_tables
 from experiments.display.optimizers import figures as optimizer_figures
 from experiments.display.optimizers import short, study_figures, study_tables, transfer
 from experiments.display.optimizers import tables as optimizer_tables
+from experiments.display.section import Section, of
 from experiments.display.table import Table
 
-Found = dict[str, Results]
-
-
-@dataclass(frozen=True)
-class Section:
-    """What is shown of one or several results files.
-
-    Attributes:
-        title: Heading.
-        text: What the section is about, one paragraph.
-        names: The results files, by experiment; a section is shown where at least one is there.
-        tables: Makers of its tables; each takes what was found of `names`, and gives None where it needs more.
-        figures: Makers of its figures, likewise.
-    """
-
-    title: str
-    text: str
-    names: tuple[str, ...]
-    tables: tuple[Callable[[Found], Table | None], ...] = ()
-    figures: tuple[Callable[[Found], Drawing | None], ...] = ()
-
-    def read(self, folder: Path) -> Found:
-        """The section's results in a folder, in the order of `names`."""
-        found = {name: Results.read(folder, name) for name in self.names}
-        return {name: results for name, results in found.items() if results is not None}
-
-
-Made = TypeVar("Made", Table, Drawing)
-
-
-def of(name: str, maker: Callable[[Results], Made | None]) -> Callable[[Found], Made | None]:
-    """A maker that takes a single results file, as one of `Section`."""
-    return lambda found: maker(found[name]) if name in found else None
-
-
-SECTIONS = (
+SECTIONS: tuple[Section[Results], ...] = (
     Section(
+        Results,
         "Outlier removal",
         "Four filters on one noisy scan: Table 1, and then what the paper could not show: whether the points taken away were "
         "the outliers.",
@@ -65,6 +32,7 @@ SECTIONS = (
         (of("table1_filtering", filtering_figures.removal),),
     ),
     Section(
+        Results,
         "Adaptive filter",
         "Deviation from the true surface before and after equations (2)-(8), and after two variants on the same weights that "
         "do not shrink a convex surface.",
@@ -73,6 +41,7 @@ SECTIONS = (
         (of("table2_3_deviation", filtering_figures.deviation),),
     ),
     Section(
+        Results,
         "Diameter",
         "The diameter of the scan in millimetres with its 95 % interval, and the scan itself.",
         ("diameter",),
@@ -80,6 +49,7 @@ SECTIONS = (
         (of("diameter", filtering_figures.scan_views), of("diameter", filtering_figures.section)),
     ),
     Section(
+        Results,
         "Networks",
         "AlexNet, VGG-16 and ResNet50 on a depth image and ADGCNN on the points of the same simulated cables, all under "
         "Adadelta; the table tells of how many sizes and epochs each result is.",
@@ -88,12 +58,14 @@ SECTIONS = (
         (network_figures.accuracy_curves, network_figures.loss_curves, network_figures.confusions),
     ),
     Section(
+        Results,
         "Accuracy of ADGCNN",
         "ADGCNN trained twice as long as for Figure 8, and trained on clouds of the hardest kind, each beside a cylinder fit.",
         ("standard_adgcnn", "hard_adgcnn"),
         (network_tables.versions,),
     ),
     Section(
+        Results,
         "Finding the cable first",
         "A network that says which points are the cable's, with a cylinder fitted to those, beside fits to all points and to the "
         "true ones.",
@@ -101,6 +73,7 @@ SECTIONS = (
         (of("rejection", rejection_tables.ways), of("rejection", rejection_tables.arcs)),
     ),
     Section(
+        Results,
         "Optimizers",
         "A small ADGCNN on simulated cables, trained under Adadelta and four other optimizers at stated learning rates, from "
         "random weights and from weights trained on another set.",
@@ -117,6 +90,7 @@ SECTIONS = (
         ),
     ),
     Section(
+        Results,
         "Optimizers, tuned alike",
         "Seven optimizers, each given the same number of quasi-random trials of its learning rate, chosen on validation, and "
         "Keras' defaults beside them: much of what is said of optimizers is said of learning rates.",
@@ -125,6 +99,7 @@ SECTIONS = (
         (of("optimizer_search", optimizer_figures.sensitivity), of("optimizer_study", optimizer_figures.study_bars)),
     ),
     Section(
+        Results,
         "The study",
         "Nine optimizers on clouds that are new in every epoch, tuned alike over rate and a second number, by a protocol written "
         "before its results (docs/study.md).",
@@ -137,12 +112,14 @@ SECTIONS = (
         (*(of(name, study_figures.curves) for name in study_tables.TITLES), study_figures.profiles),
     ),
     Section(
+        Results,
         "Ablation",
         "ADGCNN with one part left out, or one setting changed, at a time.",
         ("ablation",),
         (of("ablation", network_tables.ablation),),
     ),
     Section(
+        Results,
         "Robustness",
         "The network trained on standard clouds, tested on clouds with more noise, fewer points, holes, and other scanners.",
         ("robustness",),
@@ -151,14 +128,31 @@ SECTIONS = (
     ),
 )
 
+ONE_NETWORK: tuple[Section[Results], ...] = (
+    Section(
+        Results,
+        "Attention",
+        "The channel weights that a trained ADGCNN gives to three test cables, and the parts of the surface they favour.",
+        ("attention",),
+        (),
+        (of("attention", attention.surface),),
+    ),
+    Section(
+        Results,
+        "Parts",
+        "A network that labels the points of a scan by part.",
+        ("parts",),
+        (of("parts", parts_tables.labels),),
+    ),
+)
+SHOWN = (*SECTIONS, *ONE_NETWORK, *BENCHMARKS)  # in the order of report and notebooks
+
 
 def all_tables(folder: Path) -> list[Table]:
-    """Every table that a results folder allows, in order."""
-    made = [maker(found) for section in SECTIONS if (found := section.read(folder)) for maker in section.tables]
-    return [table for table in made if table is not None]
+    """Every table of the experiments that a results folder allows, in order."""
+    return [table for section in SECTIONS for table in section.made_tables(folder)]
 
 
-def all_figures(folder: Path, told: tuple[Section, ...] = SECTIONS) -> list[Drawing]:
+def all_figures(folder: Path, sections: Sequence[Section] = SECTIONS) -> list[Drawing]:
     """Every figure that a results folder allows, in order."""
-    made = [maker(found) for section in told if (found := section.read(folder)) for maker in section.figures]
-    return [drawing for drawing in made if drawing is not None]
+    return [drawing for section in sections for drawing in section.made_figures(folder)]

@@ -86,5 +86,5 @@ def told(results: Results) -> str:
 
 def schedule(results: Results) -> str:
     """The schedule of the learning rate, as captions say it; results from before it could be chosen had none."""
-    name = results.raw["config"].get("training.schedule", "constant")
+    name = results.shared.get("training.schedule", "constant")
     return "a constant rate" if name == "constant" else f"a rate that falls to 0 along half a {name}"

@@ -49,6 +49,13 @@ def to_config(composed: DictConfig) -> schema.Config:
     return config
 
 
+def composed(*overrides: str) -> schema.Config:
+    """The configuration that a command line composes to."""
+    schema.register()
+    with hydra.initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
+        return to_config(hydra.compose("config", overrides=list(overrides)))
+
+
 def one_line(error: BaseException) -> str:
     """An error in one line: a configuration's without Hydra's search path and advice, the system's with its place."""
     if isinstance(error, OSError) and error.strerror:  # Hydra's own are OSErrors too

@@ -138,13 +138,16 @@ class DatasetConfig:
     validation_per_class: int = 24
     test_per_class: int = 48
     canonical_pose: bool = True
-    fresh: bool = False
+    fresh: bool = False  # new training clouds in every epoch
+    pool: int | None = None  # with fresh: so many epochs' clouds, over and over; None never repeats one
     seed: int = 0
 
     def __post_init__(self) -> None:
         _check(self.version in VERSIONS, "dataset.version", f"one of {', '.join(VERSIONS)}", self.version)
         _check(len(self.sizes_mm2) >= 2, "dataset.sizes_mm2", "at least 2 sizes", list(self.sizes_mm2))
         _check(64 <= self.n_points <= 4096, "dataset.n_points", "between 64 and 4096", self.n_points)
+        _check(self.pool is None or (self.fresh and self.pool >= 1), "dataset.pool",
+               "at least 1 epoch's clouds, with dataset.fresh=true", self.pool)  # fmt: skip
         for name in ("train_per_class", "validation_per_class", "test_per_class"):
             _check(getattr(self, name) >= 1, f"dataset.{name}", "at least 1 cloud", getattr(self, name))
 

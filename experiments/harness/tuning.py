@@ -1,5 +1,7 @@
 """Learning rates for a fair comparison: the same number of quasi-random trials for every optimizer, chosen on validation."""
 
+from typing import Any
+
 import numpy as np
 
 from cablejax.io import read_json
@@ -63,10 +65,10 @@ def trial_options(optimizer: str, trial: int) -> dict[str, float]:
     return {name: float(f"{value:.4g}")}
 
 
-def best_accuracies(search: dict) -> dict[str, dict[float, float]]:
-    """Of a search's results file, the best validation accuracy of every optimizer at every rate, mean over seeds."""
+def best_accuracies(runs: list[dict[str, Any]]) -> dict[str, dict[float, float]]:
+    """Of the runs of a search's results file, the best validation accuracy of every optimizer at every rate, mean over seeds."""
     found: dict[str, dict[float, list[float]]] = {}
-    for row in search["runs"]:
+    for row in runs:
         metrics = row["metrics"]
         rates = found.setdefault(row["cell"]["optimizer.name"], {})
         rates.setdefault(metrics["learning_rate"], []).append(metrics["validation_overall"])
@@ -84,7 +86,7 @@ def tuned_rate(optimizer: str) -> float:
     path = ROOT / "results" / f"{SEARCH}.json"
     if not path.is_file():
         raise ValueError(f"rates=tuned: expected results/{SEARCH}.json; run `make {SEARCH}` first")
-    accuracies = best_accuracies(read_json(path))
+    accuracies = best_accuracies(read_json(path)["runs"])
     if optimizer not in accuracies:
         raise ValueError(f"rates=tuned: expected one of {', '.join(accuracies)}, got {optimizer}")
     rates = accuracies[optimizer]

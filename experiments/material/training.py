@@ -19,6 +19,7 @@ from cablejax.train import TrainConfig, TrainingDiverged, TrainResult, fit, init
 from cablejax.types import PointCloud
 from experiments.harness.schema import Config, TrainingConfig
 from experiments.harness.schema import DatasetConfig as DatasetSchema
+from experiments.material.baseline import baseline
 
 FRESH_STREAM = 7  # apart from the streams of the fixed splits
 FILTER_K = 16  # neighbours of the filter on clouds of a few hundred points
@@ -58,19 +59,27 @@ def _split(config: DatasetConfig, name: str, clean: bool) -> Split:
     return filtered(make_split(config, name)) if clean else make_split(config, name)
 
 
+@lru_cache(maxsize=16)
+def fit_on_test(config: DatasetConfig, clean: bool) -> dict[str, float]:
+    """What a plain fit makes of test clouds; worked out once for all runs of a process on the same ones."""
+    return baseline(_split(config, "test", clean), config.diameters_mm)
+
+
+@lru_cache(maxsize=64)
+def _fresh(config: DatasetConfig, total: int, epoch: int, clean: bool) -> Split:
+    """New clouds, the same for the same epoch; kept for the next run of a process on the same ones."""
+    root = jax.random.fold_in(jax.random.key(config.seed), FRESH_STREAM)
+    split = sample_clouds(config, total, key=jax.random.fold_in(root, epoch))
+    return filtered(split) if clean else split
+
+
 def training_clouds(config: DatasetSchema) -> Split | Callable[[int], Split]:
-    """The fixed training split, or with `dataset.fresh` a function that simulates new clouds for each epoch."""
+    """The fixed training split, or with `dataset.fresh` a function that simulates new clouds for each epoch of the pool."""
     settings = clouds_of(config, config.train_per_class)
     if not config.fresh:
         return _split(settings, "train", config.filtered)
-    root = jax.random.fold_in(jax.random.key(config.seed), FRESH_STREAM)
     total = config.train_per_class * len(config.sizes_mm2)
-
-    def fresh(epoch: int) -> Split:
-        split = sample_clouds(settings, total, key=jax.random.fold_in(root, epoch))
-        return filtered(split) if config.filtered else split
-
-    return fresh
+    return lambda epoch: _fresh(settings, total, epoch % (config.pool or epoch + 1), config.filtered)
 
 
 def training_config(cfg: Config) -> TrainConfig:
@@ -109,7 +118,7 @@ def held_out(cfg: Config, name: str) -> Split:
     return _split(clouds_of(cfg.dataset, per_class), name, cfg.dataset.filtered)
 
 
-def fitted(cfg: Config, folder: Path, log: RunLogger | None = None) -> TrainResult:
+def fitted(cfg: Config, folder: Path | None, log: RunLogger | None = None) -> TrainResult:
     """Train the configured network, or go on from what a killed run left in the folder."""
     classes = len(cfg.dataset.sizes_mm2)
     model = initial_model(cfg, classes)

@@ -155,7 +155,7 @@ def test_register_brings_several_files_into_the_frame_of_the_last(capsys, tmp_pa
     result = json.loads(out)
     assert code == 0
     assert np.array(result["T_last_file"])[2].tolist() == np.eye(4).tolist()
-    # Voxel means of 3 mm and tangent planes at partners some 2 mm away: 2^2 / 2r = .13 mm.
+    # Voxel means of 3 mm and tangent planes at corresponding points some 2 mm away: 2^2 / 2r = .13 mm.
     np.testing.assert_allclose(np.array(result["T_last_file"])[:, 1:3, 3], wanted[:, 1:], atol=0.2)
     assert len(read_points(output).xyz_mm) == 12_000
     assert all(pair["unseen_directions"] for pair in result["pairs"])

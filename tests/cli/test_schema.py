@@ -9,6 +9,7 @@ from cablejax.cli import main
 from cablejax.cli.main import COMMANDS
 from cablejax.cli.schema import FOLDER, VERSIONS, read_schema
 from cablejax.io import write_points
+from cablejax.measure.uncertainty import budget
 from tests.reference.circles import bent_cable
 
 jsonschema = pytest.importorskip("jsonschema")
@@ -40,6 +41,7 @@ CALLS = {
     "measure half": ("measure", ["measure", "half.ply", *IN_MM]),
     "measure round": ("measure", ["measure", "round.ply", *IN_MM, "--tolerance", "29", "31", "--catalogue", "8.7/15"]),
     "measure all": ("measure-all", ["measure", "round.ply", *IN_MM, "--all", "--tolerance", "29", "31"]),
+    "measure all with exports": ("measure-all", ["measure", "half.ply", *IN_MM, "--all", "--export", "OUT", "--formats", "csv"]),
     "report": ("measure", ["report", "half.ply", "OUT/report.html", *IN_MM]),
     "info": ("info", ["info", "half.ply", *IN_MM]),
     "denoise": ("denoise", ["denoise", "half.ply", "OUT/clean.ply", *IN_MM, "--neighbors", "20"]),
@@ -77,6 +79,13 @@ def test_a_networks_sizes_are_as_their_schema_says():
     jsonschema.validate(result, read_schema("classify"))
 
 
+def test_what_lay_on_the_page_is_as_its_schema_says():
+    """What `app` returns when it is ended."""
+    cable = {"number": 1, "diameter_mm": 20.0, "interval_mm": [19.9, 20.1]}
+    scans = [{"file": "a.ply", "error": None, "cables": [cable]}, {"file": "b.ply", "error": "is empty", "cables": []}]
+    jsonschema.validate({"schema": "app/1", "url": "http://127.0.0.1:1/x/", "scans": scans}, read_schema("app"))
+
+
 def test_every_command_has_a_schema_and_every_schema_a_version():
     assert set(COMMANDS) - {"report"} <= set(VERSIONS)
     assert {path.stem for path in FOLDER.glob("*.json")} == set(VERSIONS)
@@ -98,3 +107,11 @@ def test_cables_seen_all_round_fill_what_others_leave_empty(capsys, scans):
     assert round_["section_sizes"] is not None
     assert round_["bend_interval_mm"] is not None
     assert np.isfinite(round_["readings"]["mean_mm"])
+
+
+@pytest.mark.parametrize("name", ["measure", "measure-all"])
+def test_the_schema_lists_the_sources_of_the_budget(name):
+    text = json.dumps(read_schema(name))
+    sources = [value for key, value in vars(budget).items() if key.isupper() and isinstance(value, str)]
+    assert len(sources) == 11
+    assert json.dumps(sources) in text

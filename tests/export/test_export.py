@@ -1,6 +1,7 @@
 """Each export opened by the program that it is for."""
 
 import csv
+import json
 import shutil
 import subprocess
 
@@ -13,6 +14,7 @@ from cablejax.export.drawing import straight_pieces
 from cablejax.io import read_points, write_points
 from cablejax.measure import measure_cable
 from cablejax.measure.standards import readings, section_sizes
+from tests.app.scans import two_cables
 from tests.reference.circles import bent_cable
 
 RADIUS, BEND, OFF = 11.0, 500.0, np.array([1000.0, 2000.0, 3000.0])
@@ -189,3 +191,41 @@ def test_a_folder_of_scans_exports_a_folder_each(tmp_path, scan, capsys):
     assert main(arguments) == 0
     assert "1 of 1" in capsys.readouterr().err
     assert (tmp_path / "out" / "b.ply" / "axis.csv").exists()
+
+
+@pytest.mark.parametrize("kind", ["scan", "folder"])
+def test_every_cable_of_a_scene_has_its_own_exports(tmp_path, capsys, kind):
+    (tmp_path / "scans").mkdir()
+    write_points(tmp_path / "scans" / "two.ply", two_cables(1500))
+    source = tmp_path / "scans" if kind == "folder" else tmp_path / "scans" / "two.ply"
+    arguments = [
+        "measure",
+        str(source),
+        "--unit",
+        "mm",
+        "--all",
+        "--export",
+        str(tmp_path / "out"),
+        "--quiet",
+        "--json",
+    ]
+    arguments += ["--formats", "ply", "csv", "dxf", "html", *(["--jobs", "0"] if kind == "folder" else [])]
+    assert main(arguments) == 0
+    result = json.loads(capsys.readouterr().out)
+    out = tmp_path / "out" / "two.ply" if kind == "folder" else tmp_path / "out"
+    diameters = [one["diameter_mm"] for one in result["rows" if kind == "folder" else "cables"]]
+    assert len(diameters) == 2
+    for number, diameter in enumerate(diameters, 1):
+        folder = out / f"cable-{number}"
+        assert {path.name for path in folder.iterdir()} == {
+            "deviations.ply",
+            "axis.csv",
+            "sections.csv",
+            "cable.dxf",
+            "protocol.html",
+        }
+        page = (folder / "protocol.html").read_text()
+        assert f"two.ply, cable {number}" in page
+        assert f"{diameter:.3f} mm" in page
+    if kind == "scan":
+        assert len(result["exported"]) == 10

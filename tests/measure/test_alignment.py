@@ -3,7 +3,7 @@
 import numpy as np
 
 from cablejax.measure import measure_cable
-from cablejax.measure.fit.sweeps import blocks
+from cablejax.measure.fit.sweep_labels import blocks
 from cablejax.measure.uncertainty.alignment import shared_errors
 from tests.reference.circles import bent_cable
 

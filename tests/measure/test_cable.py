@@ -114,9 +114,9 @@ def test_budget_adds_up_and_takes_what_is_given(half):
     given = MeasureSettings(registration_std_mm=0.03, scale_std=1e-3, filter_std_mm=0.01)
     result = measure_cable(bent_cable(), settings=given)
     budget = {line.source: line.std_mm for line in result.budget}
-    assert budget["alignment of the stations"] > 0.01
-    assert budget["scale"] == pytest.approx(0.03, rel=0.01)
-    assert budget["filter"] == 0.01
+    assert budget["registration of the stations"] > 0.01
+    assert budget["scale calibration"] == pytest.approx(0.03, rel=0.01)
+    assert budget["filter bias"] == 0.01
     assert result.std_mm == pytest.approx(np.sqrt(sum(std**2 for std in budget.values())))
     assert result.std_mm > half.std_mm
 

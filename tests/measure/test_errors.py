@@ -134,7 +134,7 @@ LINE = sampled(np.stack([np.linspace(0, 200, 101), np.zeros(101), np.zeros(101)]
 def test_a_fit_whose_radius_falls_below_zero_is_refused(monkeypatch, share):
     # Surfaces curved the other way round do this, but whether one step or the next falls below zero turns on rounding:
     # here the step does.
-    def step(design, radius, change, trust):
+    def step(design, radius, change, inlier):
         return np.append(change[:-1], -share * radius)
 
     monkeypatch.setattr(least_squares, "_solve", step)
@@ -147,9 +147,9 @@ def test_points_that_all_lie_off_the_surface_of_the_rest_are_refused():
     # lie off what most lie on, here by 0.3 radii where the noise is thousandths of one.
     on = bent_cable(length=200.0)
     off = on[::8] * [1.0, 1.3, 1.3]
-    trust = np.arange(len(on) + len(off)) >= len(on)
+    inlier = np.arange(len(on) + len(off)) >= len(on)
     with pytest.raises(MeasureError, match="do not lie on one smooth round surface"):
-        fit_cable(np.vstack([on, off]), LINE, 15.0, trust=trust)
+        fit_cable(np.vstack([on, off]), LINE, 15.0, inlier=inlier)
 
 
 @pytest.mark.parametrize("n", [3, 6, 20])

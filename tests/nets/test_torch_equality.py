@@ -9,7 +9,7 @@ import pytest
 from flax import nnx
 
 from cablejax.nets import build_model
-from cablejax.nets.pose import PosedClouds
+from cablejax.nets.input_channels import PosedClouds
 
 GOLDEN = Path(__file__).resolve().parents[1] / "golden" / "adgcnn.npz"
 PADDING = 16

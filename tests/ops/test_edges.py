@@ -18,7 +18,7 @@ from cablejax.ops.edges import (
     neighbor_max,
     neighbor_sum,
 )
-from cablejax.ops.largest import largest
+from cablejax.ops.maximum import largest
 from tests.reference import edges as reference
 
 N, K, C, D, H = 24, 5, 4, 8, 4

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from cablejax.geometry.voxels import voxel_means
 from cablejax.registration import icp, register, register_auto
 from cablejax.registration.automatic import scales_of
-from cablejax.registration.voxels import voxel_means
 from tests.reference.circles import bent_cable
 from tests.registration.test_coarse import apart, pose, room, seen_from
 

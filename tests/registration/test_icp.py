@@ -9,7 +9,6 @@ from scipy.spatial.transform import Rotation
 
 from cablejax.io import read_points
 from cablejax.registration import icp, register, surface_normals, voxel_means
-from cablejax.registration.normals import least_direction, plain_tree, spread_of, spread_within
 from cablejax.registration.voxels import voxel_pyramid
 from cablejax.types import PointCloud, Status
 from tests.reference.circles import bent_cable
@@ -90,7 +89,7 @@ def test_a_straight_cable_does_not_turn_or_slide():
     # by more than the noise of the normals.
     assert np.abs(np.cross(unseen[3:].T, axial)).max() < 1e-3
     # The source did not slide, and lies on the cable's surface: its distance from the axis, the x axis, is the radius
-    # everywhere. Tangent planes at partners 1.2 mm away lie 1.2^2 / 2r = .05 mm outside a cylinder of 15 mm.
+    # everywhere. Tangent planes at corresponding points 1.2 mm away lie 1.2^2 / 2r = .05 mm outside a cylinder of 15 mm.
     back = moved(found.T_target_source, source)
     assert abs((back - source).mean(axis=0)[0]) < 0.1
     off = np.hypot(back[:, 1], back[:, 2]) - 15
@@ -154,52 +153,18 @@ def test_unknown_options_are_named(option, value):
         icp.__wrapped__(corner(), corner(), **{option: value})
 
 
-def test_voxel_means_are_the_means():
-    xyz = np.random.default_rng(0).uniform(-3, 3, size=(500, 3))
-    means = voxel_means(xyz, 1.0)
-    cells = {tuple(cell): xyz[(np.floor(xyz) == cell).all(axis=1)].mean(axis=0) for cell in np.floor(xyz)}
-    expected = np.array([cells[cell] for cell in sorted(cells)])
-    np.testing.assert_allclose(means, expected, atol=1e-12)
-
-
 def test_coarser_levels_are_the_means_too():
     xyz = np.random.default_rng(0).uniform(-3, 3, size=(500, 3))
     coarse, fine = voxel_pyramid(xyz, [1.0, 0.5], spread=True)
     np.testing.assert_allclose(coarse.xyz, voxel_means(xyz, 1.0), atol=1e-12)
-    assert coarse.count.sum() == fine.count.sum() == 500
+    assert coarse.points.sum() == fine.points.sum() == 500
     # The spread of a coarse voxel: its fine ones' own, and what their means scatter about its mean.
     inside = (np.floor(fine.xyz) == np.floor(coarse.xyz[0])).all(axis=1)
     off = fine.xyz[inside] - coarse.xyz[0]
     np.testing.assert_allclose(coarse.spread[0, 0], (fine.spread[inside, 0] + off[:, 0] ** 2).mean(), atol=1e-12)
 
 
-def test_spread_is_the_covariance_of_the_surroundings():
-    rng = np.random.default_rng(0)
-    lonely = [[3.0, 0.0, 0.0], [3.1, 0.1, 0.0]]
-    xyz = np.concatenate([rng.uniform(size=(400, 3)), lonely]) + 1e6  # far from the origin
-    found = spread_within(xyz, plain_tree(xyz), radius=0.2, least=4, k=6)
-    entries = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-    for row in (0, 7, 400):
-        distance = np.linalg.norm(xyz - xyz[row], axis=1)
-        near = distance <= 0.2 if (distance <= 0.2).sum() >= 4 else np.argsort(distance)[:6]
-        expected = np.cov(xyz[near].T, bias=True)
-        np.testing.assert_allclose(found[row], [expected[i, j] for i, j in entries], atol=1e-8)
-    np.testing.assert_allclose(found[400:], spread_of(xyz, plain_tree(xyz), k=6)[400:], atol=1e-12)
-
-
-def test_normals_are_the_eigenvectors():
-    rng = np.random.default_rng(0)
-    flat = rng.normal(size=(200, 3)) * [1.0, 0.5, 1e-3]
-    line = rng.normal(size=(50, 1)) * np.array([[1.0, 2.0, 3.0]])  # the closed form has no answer there
-    for xyz in (flat, line):
-        matrix = np.cov(xyz.T)
-        spread = np.array([[matrix[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]])
-        found = least_direction(spread)[0]
-        assert np.linalg.norm(found) == pytest.approx(1)
-        assert np.linalg.norm(matrix @ found) == pytest.approx(np.linalg.eigvalsh(matrix)[0], abs=1e-9)
-
-
-def test_partners_are_the_nearest_after_every_step(pair):
+def test_correspondences_are_the_nearest_after_every_step(pair):
     # Carried points must end where a tree that is asked at every step ends.
     source, target, _ = pair
     found = icp(source, target, method="point", max_distance=0.15, max_iterations=7)

@@ -15,9 +15,9 @@ from flax import nnx
 
 from cablejax.train import TrainingDiverged, cross_entropy, evaluate, fit
 from cablejax.train.batches import epoch_rows, make_plan
-from cablejax.train.engine import Engine
+from cablejax.train.engine import Engine, _program
 from cablejax.train.metrics import class_average_accuracy, confusion_matrix, overall_accuracy
-from cablejax.train.step import make_runner
+from cablejax.train.update import Compiled, make_runner
 from tests.train.tiny import Tiny, settings, split, weights
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -158,7 +158,7 @@ def test_precision_reaches_every_product(precision):
     config = settings(precision=precision)
     engine = Engine(Tiny(nnx.Rngs(0)), config, make_plan(24, config))
     state, data = engine.initial_state(), engine.put(split())
-    run = make_runner(engine.graphdef, engine.optimizer, config, full_set=False)
+    run = make_runner(engine.graphdef, engine.optimizer, Compiled.of(config))
     text = (
         jax.jit(run)
         .lower(state, data, epoch_rows(config, 0, np.asarray(data[2]), engine.plan)[0], engine.schedule)
@@ -167,6 +167,34 @@ def test_precision_reaches_every_product(precision):
     products = [line for line in text.splitlines() if "dot_general" in line and "stablehlo" in line]
     assert len(products) >= 5  # two forward; for the kernels two more, for the hidden layer's output one
     assert all(("bf16" in line) == (precision == "bfloat16") for line in products)
+
+
+@pytest.mark.parametrize(
+    ("optimizer", "options", "others"),
+    [
+        ("adadelta", {"rho": 0.9}, {"rho": 0.5}),
+        ("adagrad", {"initial_accumulator_value": 0.1}, {"initial_accumulator_value": 1.0}),
+        ("mbgd", {"momentum": 0.5}, {"momentum": 0.9}),
+        ("adamw", {"weight_decay": 0.01}, {"weight_decay": 10.0}),
+        ("muon", {"beta": 0.8}, {"beta": 0.95}),
+        ("schedule_free", {"b1": 0.8}, {"b1": 0.95}),
+    ],
+)
+def test_one_program_for_all_rates_options_and_seeds(optimizer, options, others):
+    """A run that takes another's program ends where it would have ended with one of its own."""
+
+    def run(options, seed):
+        config = settings(optimizer=optimizer, optimizer_options=options, learning_rate=0.1 + seed, seed=seed, epochs=2)
+        return weights(fit(Tiny(nnx.Rngs(seed)), split(), None, config, progress=False))
+
+    _program.cache_clear()
+    first = run(options, 0)
+    second = run(others, 1)
+    assert _program.cache_info().misses == 1
+    _program.cache_clear()
+    for shared, own in zip(second, run(others, 1), strict=True):
+        np.testing.assert_allclose(shared, own, rtol=1e-6, atol=1e-7)
+    assert not any(np.allclose(a, b) for a, b in zip(first, second, strict=True) if a.ndim == 2)
 
 
 def test_early_stopping_returns_the_best_epoch():

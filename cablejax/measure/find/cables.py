@@ -1,4 +1,4 @@
-"""Which points of a scan are the cable: flat clutter out, cylinders sought, walked and compared."""
+"""Which points of a scan are the cable: flat clutter out, cylinders sought, followed and compared."""
 
 from typing import NamedTuple
 
@@ -9,10 +9,10 @@ from cablejax.measure.find.cylinder import radial
 from cablejax.measure.find.hypotheses import ROUGHNESSES, TOLERANCE, Candidate, find_candidates, score, tolerance_of
 from cablejax.measure.find.planes import Plane, corrugated, find_planes
 from cablejax.measure.find.surface import Surface, surface
-from cablejax.measure.find.track import Walk, walk
+from cablejax.measure.find.track import Track, follow
 from cablejax.measure.settings import SearchLimits
 
-THINNER, NEARER = 0.8, 0.5  # of a walk's radius and scatter, below which another explains its points better
+THINNER, NEARER = 0.8, 0.5  # of a track's radius and scatter, below which another explains its points better
 ROUNDS = 3  # of taking out planes and thinning what is left less
 
 
@@ -20,14 +20,14 @@ class Find(NamedTuple):
     """What a scan holds.
 
     Attributes:
-        walks: Long round things, the best first; those that share points differ in radius.
+        tracks: Long round things, the best first; those that share points differ in radius.
         planes: Flat regions taken out before.
         flat_share: The part of the points that lay on them.
-        surface: The thinned cloud that the walks' rows refer to.
+        surface: The thinned cloud that the tracks' rows refer to.
         limits: What was sought.
     """
 
-    walks: list[Walk]
+    tracks: list[Track]
     planes: list[Plane]
     flat_share: float
     surface: Surface
@@ -42,7 +42,7 @@ class _Effort(NamedTuple):
     neighbors: int
     tries: int
     per_octave: int
-    walked: int
+    followed: int
     most: int
 
 
@@ -70,44 +70,44 @@ def _without_planes(xyz: np.ndarray, effort: _Effort, rng: np.random.Generator) 
     return thinned, planes, len(kept)
 
 
-def judged(thinned: Surface, way: Walk) -> Walk:
-    """A walk with its scatter, and how much of a cable it is.
+def judged(thinned: Surface, track: Track) -> Track:
+    """A track with its scatter, and how much of a cable it is.
 
     The number of its points, times the square root of the arc they show, its slenderness up to 2, how few other points
     lie about it (squared), and how well they lie on it.
     """
-    radius = way.radius_mm
-    distance, outward, along = radial(way.start, thinned.xyz)
+    radius = track.radius_mm
+    distance, outward, along = radial(track.start, thinned.xyz)
     near = (np.abs(along) < 2 * radius) & (distance < 1.6 * radius)
     on = near & (np.abs(distance - radius) < tolerance_of(thinned, radius))
     if not on.any():
-        return way
+        return track
     gathered = float(np.linalg.norm(outward[on].mean(axis=0)))
     scatter = float(np.median(np.abs(distance[on] - radius)))
     alone = float(on.sum() / near.sum())
-    slender = min(way.length_mm / (2 * radius), 2.0)
-    merit = len(way.rows) * slender * float(np.sqrt(max(0.0, 1 - gathered))) * alone**2
-    return way._replace(merit=merit / (1 + (scatter / radius / 0.05) ** 2), scatter_mm=scatter)
+    slender = min(track.length_mm / (2 * radius), 2.0)
+    merit = len(track.rows) * slender * float(np.sqrt(max(0.0, 1 - gathered))) * alone**2
+    return track._replace(merit=merit / (1 + (scatter / radius / 0.05) ** 2), scatter_mm=scatter)
 
 
-def share(way: Walk, other: Walk) -> float:
-    """The part of a walk's points that another one holds as well."""
-    return float(np.isin(way.rows, other.rows).mean())
+def share(track: Track, other: Track) -> float:
+    """The part of a track's points that another one holds as well."""
+    return float(np.isin(track.rows, other.rows).mean())
 
 
-def several(way: Walk, others: list[Walk]) -> bool:
-    """Whether most of a walk's points lie on thinner ones, each much nearer its own: a row of cables, seen from afar."""
+def several(track: Track, others: list[Track]) -> bool:
+    """Whether most of a track's points lie on thinner ones, each much nearer its own: a row of cables, seen from afar."""
     thinner = [
         other.rows
         for other in others
-        if other.radius_mm < THINNER * way.radius_mm and other.scatter_mm < NEARER * way.scatter_mm
+        if other.radius_mm < THINNER * track.radius_mm and other.scatter_mm < NEARER * track.scatter_mm
     ]
-    return bool(thinner) and bool(np.isin(way.rows, np.concatenate(thinner)).mean() > 0.5)
+    return bool(thinner) and bool(np.isin(track.rows, np.concatenate(thinner)).mean() > 0.5)
 
 
-def same(way: Walk, other: Walk) -> bool:
-    """Whether two walks are the same thing: common points and about the same radius."""
-    return share(way, other) > 0.3 and _alike(way.radius_mm, other.radius_mm)
+def same(track: Track, other: Track) -> bool:
+    """Whether two tracks are the same thing: common points and about the same radius."""
+    return share(track, other) > 0.3 and _alike(track.radius_mm, other.radius_mm)
 
 
 def _alike(radius: float, other: float) -> bool:
@@ -138,36 +138,36 @@ def find_cables(
     candidates = find_candidates(
         thinned, rng=rng, tries=effort.tries, per_octave=effort.per_octave, limits=limits, apart=every
     )
-    walks = _tracks(thinned, candidates, effort.walked)
-    chosen: list[Walk] = []
-    for way in sorted(walks, key=lambda way: -way.merit):
-        if len(chosen) < effort.most and way.merit > 0 and not any(same(way, better) for better in chosen):
-            chosen.append(way)
+    tracks = _tracks(thinned, candidates, effort.followed)
+    chosen: list[Track] = []
+    for track in sorted(tracks, key=lambda track: -track.merit):
+        if len(chosen) < effort.most and track.merit > 0 and not any(same(track, better) for better in chosen):
+            chosen.append(track)
     if limits.near_mm is not None:
-        chosen.sort(key=lambda way: _distance(way, np.array(limits.near_mm)))
+        chosen.sort(key=lambda track: _distance(track, np.array(limits.near_mm)))
     return Find(chosen, planes, 1 - left / len(xyz), thinned, limits)
 
 
-def _tracks(thinned: Surface, candidates: list[Candidate], most: int) -> list[Walk]:
+def _tracks(thinned: Surface, candidates: list[Candidate], most: int) -> list[Track]:
     """Candidates followed both ways, each with its merit; no more than `most`."""
-    walks: list[Walk] = []
+    tracks: list[Track] = []
     for candidate in candidates:
         radius = candidate.cylinder.radius_mm
         _, rows = score(thinned, candidate.cylinder, tolerance_of(thinned, radius))
         # A short piece does not hide the cable it lies on; nor a cylinder of another radius the right one, on a smooth surface.
         smooth = ROUGHNESSES * thinned.roughness_mm < TOLERANCE * radius
-        long = [way for way in walks if way.length_mm >= 4 * way.radius_mm]
-        before = [way.rows for way in long if not smooth or _alike(way.radius_mm, radius)]
-        if len(walks) >= most or (before and np.isin(rows, np.concatenate(before)).mean() > 0.5):
+        long = [track for track in tracks if track.length_mm >= 4 * track.radius_mm]
+        before = [track.rows for track in long if not smooth or _alike(track.radius_mm, radius)]
+        if len(tracks) >= most or (before and np.isin(rows, np.concatenate(before)).mean() > 0.5):
             continue
-        way = walk(thinned, candidate.cylinder)
-        if way is not None and way.length_mm >= radius:
-            walks.append(judged(thinned, way))
-    return walks
+        track = follow(thinned, candidate.cylinder)
+        if track is not None and track.length_mm >= radius:
+            tracks.append(judged(thinned, track))
+    return tracks
 
 
-def _distance(way: Walk, point: np.ndarray) -> float:
+def _distance(track: Track, point: np.ndarray) -> float:
     """From a point to the track's polyline."""
-    first, step = way.axis[:-1], np.diff(way.axis, axis=0)
+    first, step = track.axis[:-1], np.diff(track.axis, axis=0)
     share = np.clip(np.sum((point - first) * step, axis=1) / np.maximum(np.sum(step**2, axis=1), 1e-12), 0, 1)
     return float(np.linalg.norm(first + share[:, None] * step - point, axis=1).min())

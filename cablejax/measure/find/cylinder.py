@@ -1,11 +1,11 @@
-"""A straight cylinder fitted to a few hundred points: the brick of the search and of the walk along a cable."""
+"""A straight cylinder fitted to a few hundred points: the brick of the search and of the track along a cable."""
 
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
-from cablejax.measure.robust import robust_std
+from cablejax.geometry.robust import robust_std
 
 
 class Cylinder(NamedTuple):

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Int
 from scipy.spatial import KDTree
 
+from cablejax.geometry.principal import principal_axes
 from cablejax.measure.find.cylinder import Cylinder, fit_cylinder, radial
 from cablejax.measure.find.surface import Surface
 from cablejax.measure.settings import SearchLimits
@@ -30,7 +31,7 @@ class Candidate(NamedTuple):
 
 
 def _pairs(surface: Surface, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Rows of first points and of partners near them, the distance drawn evenly on a log scale."""
+    """Rows of first points and of second points near them, the distance drawn evenly on a log scale."""
     tree = KDTree(surface.xyz)
     reach = min(256, len(surface.xyz))
     first = rng.integers(len(surface.xyz), size=count)
@@ -97,9 +98,8 @@ def _threads(surface: Surface, count: int, rng: np.random.Generator) -> list[Cyl
         _, near = tree.query(surface.xyz[rng.integers(len(surface.xyz), size=count)], k=k, workers=-1)
         for rows in np.asarray(near):
             xyz = surface.xyz[rows]
-            center = xyz.mean(axis=0)
-            _, scale, axes = np.linalg.svd(xyz - center, full_matrices=False)
-            if scale[0] < 2.5 * scale[1]:
+            center, axes, std = principal_axes(xyz)
+            if std[0] < 2.5 * std[1]:
                 continue
             place = (xyz - center) @ axes[1:].T
             system = np.concatenate([2 * place, np.ones((k, 1))], axis=1)

@@ -6,8 +6,10 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial import ConvexHull, KDTree
 
+from cablejax.geometry.normals import covariances, fitted_planes
+from cablejax.geometry.principal import principal_axes
+from cablejax.geometry.robust import robust_std
 from cablejax.measure.find.surface import Surface
-from cablejax.measure.robust import robust_std
 
 MAX_PLANES = 8
 MIN_SHARE = 0.04  # of the points, for a plane to be worth taking out
@@ -65,18 +67,15 @@ def _best_plane(surface: Surface, tolerance: float, rng: np.random.Generator) ->
     for _ in range(3):
         if members.sum() < 3:
             break
-        center = surface.xyz[members].mean(axis=0)
-        normal = np.linalg.svd(surface.xyz[members] - center, full_matrices=False)[2][2]
-        members = _members(surface, center, normal, tolerance)
+        center, axes, _ = principal_axes(surface.xyz[members])
+        members = _members(surface, center, axes[2], tolerance)
     return members
 
 
 def _describe(surface: Surface, members: np.ndarray, tolerance: float) -> tuple[Plane, float, float]:
     """The plane of its members, the turn of their normals from the centre to the rim in rad, and `_fill`."""
     xyz = surface.xyz[members]
-    center = xyz.mean(axis=0)
-    _, scale, axes = np.linalg.svd(xyz - center, full_matrices=False)
-    spread = scale / np.sqrt(len(xyz))
+    center, axes, spread = principal_axes(xyz)
     normals = surface.normals[members]
     normals = normals * np.sign(normals @ axes[2])[:, None]
     place = (xyz - center) @ axes[:2].T
@@ -137,9 +136,7 @@ def corrugated(plane: Plane, xyz: Float[np.ndarray, "n 3"]) -> bool:
     height = (on - plane.center) @ plane.normal
     spread = robust_std(height - np.median(height))
     sample = on[np.random.default_rng(0).choice(len(on), size=min(300, len(on)), replace=False)]
-    near = on[np.asarray(KDTree(on).query(sample, k=LOCAL, workers=-1)[1])]
-    offset = near - near.mean(axis=1, keepdims=True)
-    values, vectors = np.linalg.eigh(np.einsum("mki,mkj->mij", offset, offset) / LOCAL)
-    scatter = float(np.median(np.sqrt(np.maximum(values[:, 0], 0))))
-    turned = float(np.median(np.abs(vectors[:, :, 0] @ plane.normal)))
-    return spread > ROUGHER * scatter and turned < TURNED_COS
+    near = np.asarray(KDTree(on).query(sample, k=LOCAL, workers=-1)[1])
+    normals, scatter = fitted_planes(covariances(on, near, at=sample))
+    turned = float(np.median(np.abs(normals @ plane.normal)))
+    return spread > ROUGHER * float(np.median(scatter)) and turned < TURNED_COS

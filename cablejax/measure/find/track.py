@@ -16,8 +16,8 @@ MAX_STEPS = 4000
 GAP_STEPS = 4  # steps without points that a tie or a bracket may hide
 
 
-class Walk(NamedTuple):
-    """The way along a cable.
+class Track(NamedTuple):
+    """A cable followed along its axis.
 
     Attributes:
         axis: Points along it `[m, 3]`, in order.
@@ -92,10 +92,10 @@ def _one_way(surface: Surface, tree: KDTree, start: Cylinder, enough: int) -> tu
     return centers, members
 
 
-def walk(surface: Surface, start: Cylinder) -> Walk | None:
+def follow(surface: Surface, start: Cylinder) -> Track | None:
     """Follow a cable both ways from one of its pieces; None where not even the start holds six points.
 
-    The radius stays close to the start's, so the walk does not drift onto a wall; the axis is free to bend.
+    The radius stays close to the start's, so the track does not drift onto a wall; the axis is free to bend.
     """
     tree = KDTree(surface.xyz)
     rows = _near(surface, tree, start)
@@ -110,7 +110,7 @@ def walk(surface: Surface, start: Cylinder) -> Walk | None:
     first = _end(surface, centers[0], centers[min(1, len(centers) - 1)], start, members[0], -1.0)
     last = _end(surface, centers[-1], centers[max(-2, -len(centers))], start, members[-1], 1.0)
     axis = np.array([*([] if first is None else [first]), *centers, *([] if last is None else [last])])
-    return Walk(axis, start, np.unique(np.concatenate(members)))
+    return Track(axis, start, np.unique(np.concatenate(members)))
 
 
 def _end(

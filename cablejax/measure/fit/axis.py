@@ -88,7 +88,7 @@ def smoothed(xyz: Float[np.ndarray, "m 3"], *, knot_mm: float, step: float, exte
 
 
 def _extended(curve: np.ndarray, extra: float, step: float) -> np.ndarray:
-    """The curve continued straight at both ends: the walk's last window reaches beyond its last centre."""
+    """The curve continued straight at both ends: the track's last window reaches beyond its last centre."""
     first, last = curve[0] - curve[1], curve[-1] - curve[-2]
     ways = np.linspace(extra, 0, max(2, int(np.ceil(extra / step))), endpoint=False)
     head = curve[0] + np.outer(ways, first / np.linalg.norm(first))
@@ -122,7 +122,7 @@ def locate(axis: Axis, xyz: Float[np.ndarray, "n 3"]) -> Place:
     return Place(s, u, v)
 
 
-def spot(axis: Axis, place: Place) -> Float[np.ndarray, "n 3"]:
+def point_at(axis: Axis, place: Place) -> Float[np.ndarray, "n 3"]:
     """Points `[n, 3]` at cable coordinates, the inverse of `locate`."""
     base, tangent, across = _frame_at(axis, place.s)
     return base + place.u[:, None] * across + place.v[:, None] * np.cross(tangent, across)

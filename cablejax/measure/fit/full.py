@@ -7,12 +7,19 @@ import numpy as np
 
 from cablejax.measure.errors import MeasureError, NoCableError
 from cablejax.measure.find.planes import Plane
-from cablejax.measure.find.track import Walk
+from cablejax.measure.find.track import Track
 from cablejax.measure.fit.axis import Axis, locate, trimmed
-from cablejax.measure.fit.beams import BeamBias, Instrument, beam_bias, clear_of_the_rim, known_beam_bias, rescanned
+from cablejax.measure.fit.beam_noise import (
+    BeamBias,
+    Instrument,
+    beam_bias,
+    clear_of_the_rim,
+    known_beam_bias,
+    rescanned,
+)
 from cablejax.measure.fit.least_squares import CableFit, fit_cable
 from cablejax.measure.fit.start import MIN_ON_CABLE, Start, coarse_start, seen, tube
-from cablejax.measure.fit.sweeps import at_the_edge, blocks, sweeps_of
+from cablejax.measure.fit.sweep_labels import at_the_edge, blocks, sweeps_of
 from cablejax.measure.messages import not_found_again
 from cablejax.measure.settings import MeasureSettings
 
@@ -30,10 +37,10 @@ class Fitted(NamedTuple):
 
 
 def fit_track(
-    xyz: np.ndarray, station: np.ndarray | None, way: Walk, planes: list[Plane], settings: MeasureSettings
+    xyz: np.ndarray, station: np.ndarray | None, track: Track, planes: list[Plane], settings: MeasureSettings
 ) -> Fitted:
-    """Fit axis and radius to the full cloud about a walk, with a shift for every sweep that is known."""
-    start = coarse_start(xyz, way, planes)
+    """Fit axis and radius to the full cloud about a track, with a shift for every sweep that is known."""
+    start = coarse_start(xyz, track, planes)
     rows, along = tube(start.axis, start.radius, xyz, planes, start.width, beyond=start.radius)
     fit, sweep = _with_sweeps(xyz, station, rows, along, start, settings)
     low, high = seen(fit)
@@ -77,14 +84,14 @@ def _about(
 ) -> CableFit:
     """The fit about a start, with a shift for every sweep that is known and without the edges of what it saw."""
     place = locate(axis, xyz)
-    trust = ~at_the_edge(place, sweep, noise_mm=noise, radius_mm=radius)
+    inlier = ~at_the_edge(place, sweep, noise_mm=noise, radius_mm=radius)
     if instrument is not None:
-        trust &= clear_of_the_rim(place, sweep, radius_mm=radius, instrument=instrument)
+        inlier &= clear_of_the_rim(place, sweep, radius_mm=radius, instrument=instrument)
     if sweep is None or sweep.max() == 0:
-        return fit_cable(xyz, axis, radius, trust=trust, knot_diameters=knots)
+        return fit_cable(xyz, axis, radius, inlier=inlier, knot_diameters=knots)
     pieces = max(1, min(8, len(xyz) // (500 * int(sweep.max() + 1))))
     block = blocks(sweep, along, pieces=pieces)
-    return fit_cable(xyz, axis, radius, block=block, trust=trust, knot_diameters=knots)
+    return fit_cable(xyz, axis, radius, block=block, inlier=inlier, knot_diameters=knots)
 
 
 def beams(fitted: Fitted, settings: MeasureSettings) -> BeamBias:

@@ -12,9 +12,9 @@ from jaxtyping import Bool, Float, Int
 from scipy.interpolate import BSpline
 from scipy.sparse import csr_array, hstack
 
+from cablejax.geometry.robust import robust_std
 from cablejax.measure.errors import NoCableError
 from cablejax.measure.fit.axis import Axis, Place, locate, sampled, trimmed
-from cablejax.measure.robust import robust_std
 
 TUKEY = 4.685  # standard deviations; 95 % efficient where the noise is Gaussian
 SECTOR_DEG = 15.0
@@ -38,7 +38,7 @@ class CableFit(NamedTuple):
         place: Cable coordinates of the points given `[n]`, shifts of stations taken off.
         residual_mm: Their distance from the surface `[n]`, positive outside.
         weight: Tukey weights `[n]`, 0 for outliers.
-        lever: How far each point's residual moves the radius `[n]`.
+        influence: How far each point's residual moves the radius `[n]`.
     """
 
     axis: Axis
@@ -49,7 +49,7 @@ class CableFit(NamedTuple):
     place: Place
     residual_mm: Float[np.ndarray, " n"]
     weight: Float[np.ndarray, " n"]
-    lever: Float[np.ndarray, " n"]
+    influence: Float[np.ndarray, " n"]
 
 
 def _basis(s: np.ndarray, axis: Axis, knot_mm: float) -> csr_array:
@@ -197,12 +197,12 @@ def _polar(design: _Design, change: np.ndarray) -> tuple[np.ndarray, np.ndarray,
     return distance, u / distance, v / distance
 
 
-def _solve(design: _Design, radius: float, change: np.ndarray, trust: np.ndarray) -> np.ndarray:
+def _solve(design: _Design, radius: float, change: np.ndarray, inlier: np.ndarray) -> np.ndarray:
     """At most four reweighted Gauss-Newton steps on (offsets along u, offsets along v, radius)."""
     for _ in range(4):
         distance, cos, sin = _polar(design, change)
         residual = distance - radius - change[-1]
-        weight = trust * tukey(residual, _scale(residual, radius))
+        weight = inlier * tukey(residual, _scale(residual, radius))
         if weight.sum() < len(change):
             raise NoCableError("No cable found: the points do not lie on one smooth round surface.")
         pull = _smoothing(design.splines, design.stretches, weight.sum())
@@ -223,7 +223,7 @@ def fit_cable(
     *,
     knot_diameters: float = 1.0,
     block: Int[np.ndarray, " n"] | None = None,
-    trust: Bool[np.ndarray, " n"] | None = None,
+    inlier: Bool[np.ndarray, " n"] | None = None,
 ) -> CableFit:
     """Fit one radius and a smooth axis to points that are mostly the cable's.
 
@@ -238,7 +238,7 @@ def fit_cable(
             of 15 diameters to 4e-6 of the diameter. Infinite for a straight axis.
         block: Number of the stretch of a station that each point belongs to `[n]`, from 0 without gaps. Each stretch gets
             a shift of its own across the cable.
-        trust: Which points take part `[n]`; all if None.
+        inlier: Which points the fit takes `[n]`; all if None.
 
     Raises:
         MeasureError: If there are fewer than `PER_UNKNOWN` points for each unknown, fewer keep weight than there are
@@ -247,7 +247,7 @@ def fit_cable(
     radius = radius_mm
     knot = knot_diameters * 2 * radius_mm
     shifts: np.ndarray | None = None
-    trust = np.ones(len(xyz)) if trust is None else trust.astype(float)
+    inlier = np.ones(len(xyz)) if inlier is None else inlier.astype(float)
     longest = np.inf
     for turn in range(OUTER):
         ends = locate(axis, xyz).s
@@ -259,12 +259,12 @@ def fit_cable(
                 "No cable found: a curve through what is roundest winds to and fro, and follows nothing."
             )
         design = _design(xyz, axis, knot, block)
-        _check_points(design, trust)
+        _check_points(design, inlier)
         m, width = design.splines, _columns(design.columns)
         start = np.zeros(2 * width + 1)
         if shifts is not None:
             start[m:width], start[width + m : 2 * width] = shifts
-        change = _solve(design, radius, start, trust)
+        change = _solve(design, radius, start, inlier)
         radius += float(change[-1])
         if not radius > 0:
             raise NoCableError(
@@ -278,21 +278,21 @@ def fit_cable(
         if max(np.abs(bend).max(), abs(change[-1])) < 1e-5 * radius:
             break
     design = _design(xyz, axis, knot, block)
-    _check_points(design, trust)
-    return _finished(design, axis, radius, shifts, trust)
+    _check_points(design, inlier)
+    return _finished(design, axis, radius, shifts, inlier)
 
 
-def _check_points(design: _Design, trust: np.ndarray) -> None:
+def _check_points(design: _Design, inlier: np.ndarray) -> None:
     """Refuse a curve through a handful of points: with enough freedom it goes through any."""
     unknowns = 2 * _columns(design.columns) + 1
-    if trust.sum() < PER_UNKNOWN * unknowns:
+    if inlier.sum() < PER_UNKNOWN * unknowns:
         raise NoCableError(
-            f"Too few points on the cable: {trust.sum():.0f} over {np.ptp(design.place.s):.3g} mm, where at least "
+            f"Too few points on the cable: {inlier.sum():.0f} over {np.ptp(design.place.s):.3g} mm, where at least "
             f"{PER_UNKNOWN * unknowns} are needed to follow its axis."
         )
 
 
-def _finished(design: _Design, axis: Axis, radius: float, shifts: np.ndarray | None, trust: np.ndarray) -> CableFit:
+def _finished(design: _Design, axis: Axis, radius: float, shifts: np.ndarray | None, inlier: np.ndarray) -> CableFit:
     """Residuals, weights and the radius's standard deviations at the solution."""
     m, width = design.splines, _columns(design.columns)
     still = np.zeros(2 * width + 1)
@@ -301,28 +301,28 @@ def _finished(design: _Design, axis: Axis, radius: float, shifts: np.ndarray | N
     distance, cos, sin = _polar(design, still)
     residual = distance - radius
     scale = _scale(residual, radius)
-    weight = trust * tukey(residual, scale)
+    weight = inlier * tukey(residual, scale)
     basis = design.columns
     normal = _normal(design.cells, cos, sin, weight) + _smoothing(m, design.stretches, weight.sum())
     row = np.linalg.solve(normal, np.eye(2 * width + 1)[-1])
     spread = float(np.sqrt(np.sum((weight * residual) ** 2) / max(weight.sum(), 1e-9)))
     # How far each point's residual moves the radius: summed one by one, and over patches first (a sandwich estimate).
-    gain = weight * weight.sum() / np.sum(trust * _slope(residual, scale))
+    gain = weight * weight.sum() / np.sum(inlier * _slope(residual, scale))
     along_u, along_v = basis @ row[:width], basis @ row[width : 2 * width]
-    lever = gain * (cos * along_u + sin * along_v + row[-1])
-    pull = lever * residual
+    influence = gain * (cos * along_u + sin * along_v + row[-1])
+    pull = influence * residual
     sector = np.floor((np.degrees(np.arctan2(sin, cos)) + 180) / SECTOR_DEG).astype(int)
     slab = np.floor((design.place.s - design.place.s.min()) / (2 * radius)).astype(int)
     patches = np.bincount(slab * int(360 / SECTOR_DEG + 1) + sector, weights=pull)
     place = Place(design.place.s, distance * cos, distance * sin)
     return CableFit(
-        axis,
-        radius,
-        max(scale, spread),
-        float(np.linalg.norm(pull)),
-        float(np.linalg.norm(patches)),
-        place,
-        residual,
-        weight,
-        lever,
+        axis=axis,
+        radius_mm=radius,
+        noise_mm=max(scale, spread),
+        random_mm=float(np.linalg.norm(pull)),
+        clustered_mm=float(np.linalg.norm(patches)),
+        place=place,
+        residual_mm=residual,
+        weight=weight,
+        influence=influence,
     )

@@ -4,9 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cablejax.geometry.principal import principal_axes
 from cablejax.measure.errors import MeasureError, NoCableError
 from cablejax.measure.find.planes import Plane
-from cablejax.measure.find.track import Walk
+from cablejax.measure.find.track import Track
 from cablejax.measure.fit.axis import Axis, locate, sampled, smoothed, trimmed
 from cablejax.measure.fit.least_squares import CableFit, fit_cable
 from cablejax.measure.shape.ends import extent
@@ -26,41 +27,41 @@ class Start(NamedTuple):
     knots: float
 
 
-def coarse_start(xyz: np.ndarray, way: Walk, planes: list[Plane]) -> Start:
+def coarse_start(xyz: np.ndarray, track: Track, planes: list[Plane]) -> Start:
     """A start from a few thousand of the points, about a straight axis unless they are better explained by a bent one.
 
     Raises:
         MeasureError: If too few lie on the cable.
     """
     xyz = xyz[:: max(1, len(xyz) // COARSE_POINTS)]
-    radius = way.radius_mm
-    if (line := _line(way)) is not None:
+    radius = track.radius_mm
+    if (line := _line(track)) is not None:
         try:
             straight = _cut(xyz, line, radius, planes, knots=np.inf)
             if not _bends(xyz, straight, planes):
                 return straight
         except MeasureError:  # there is no straight thing: it may bend
             pass
-    axis = smoothed(way.axis, knot_mm=4 * radius, step=0.2 * radius, extend_mm=2 * radius)
+    axis = smoothed(track.axis, knot_mm=4 * radius, step=0.2 * radius, extend_mm=2 * radius)
     return _cut(xyz, axis, radius, planes, knots=KNOTS)
 
 
-def _line(way: Walk) -> Axis | None:
-    """The straight line along a walk, a diameter longer at either end; None where the walk leaves it by half a radius."""
-    middle = way.axis.mean(axis=0)
-    direction = np.linalg.svd(way.axis - middle, full_matrices=False)[2][0]
-    along = (way.axis - middle) @ direction
-    aside = np.linalg.norm(way.axis - middle - along[:, None] * direction, axis=1)
-    if aside.max() > 0.5 * way.radius_mm:
+def _line(track: Track) -> Axis | None:
+    """The straight line along a track, a diameter longer at either end; None where the track leaves it by half a radius."""
+    middle, axes, _ = principal_axes(track.axis)
+    direction = axes[0]
+    along = (track.axis - middle) @ direction
+    aside = np.linalg.norm(track.axis - middle - along[:, None] * direction, axis=1)
+    if aside.max() > 0.5 * track.radius_mm:
         return None
-    ends = np.array([along.min() - 2 * way.radius_mm, along.max() + 2 * way.radius_mm])
-    return sampled(middle + ends[:, None] * direction, step=0.2 * way.radius_mm)
+    ends = np.array([along.min() - 2 * track.radius_mm, along.max() + 2 * track.radius_mm])
+    return sampled(middle + ends[:, None] * direction, step=0.2 * track.radius_mm)
 
 
 def _bends(xyz: np.ndarray, straight: Start, planes: list[Plane]) -> bool:
     """Whether an axis free to bend explains the points better than the straight one, by more than its knots may by chance.
 
-    Schwarz's criterion on the sums of squares, cut off at three standard deviations; points that hang together count for
+    Schwarz's criterion on the sums of squares, cut off at three standard deviations; correlated points count for
     fewer, in the ratio of the radius's variances.
     """
     rows, _ = tube(straight.axis, straight.radius, xyz, planes, straight.width, beyond=0.0)

@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cablejax.geometry.robust import COVERAGE
 from cablejax.measure.fit.axis import Axis
-from cablejax.measure.robust import COVERAGE
 
 ALIKE = 2.0  # standard deviations below the largest curvature, within which those beside it count as the same bend
 SHAPE = (

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cablejax.measure.robust import robust_std
+from cablejax.geometry.robust import robust_std
 from cablejax.measure.shape.sections import Sections
 
 NEIGHBORS = 8  # sections to either side that make the local mean

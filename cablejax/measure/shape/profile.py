@@ -5,9 +5,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from cablejax.geometry.robust import robust_std
 from cablejax.measure.fit.axis import Axis, Place, locate, trimmed
 from cablejax.measure.fit.least_squares import tukey
-from cablejax.measure.robust import robust_std
 from cablejax.measure.shape.sections import BIN_DEG, bins_of
 
 WIDEST = 3.0  # times the fitted radius, within which a section is looked for

@@ -14,7 +14,9 @@ BIN_DEG = 5.0
 OVAL_DEG = 165.0  # of circumference, from which an oval section shows, and the shifts of stations tell on each other
 GRAZING, FADE = 0.22, 0.05  # cosine of the incidence at which half of the points are missing, and how softly they fade
 # Both from simulated scans whose sweeps are unknown, and all else is guessed.
-TRUST = 0.5  # power of the likelihoods: means of neighbouring directions err together and tell less than they seem to
+LIKELIHOOD_POWER = (
+    0.5  # power of the likelihoods: means of neighbouring directions err together and tell less than they seem to
+)
 WILD = 0.5  # of the scatter: a larger change of the radius comes from no shifts of stations, but from what is not round
 UNSEEN = 1.6  # from half the circumference on the radius's error is this much larger than the guesses explain
 
@@ -91,8 +93,9 @@ def shared_errors(
 
     The mean residual over the angle is a circle's change (radius and centre) plus the shift of each station, projected
     on the normal, wherever that station sees the surface. How many stations there were, where they stood and how far
-    they were shifted is not known: guesses of all are weighed by their restricted likelihood (to the power `TRUST`), beside
-    none at all and an oval section. What they change in the radius is doubted in full, since all may be wrong; and on arcs
+    they were shifted is not known: guesses of all are weighed by their restricted likelihood (to the power
+    `LIKELIHOOD_POWER`), beside none at all and an oval section. What they change in the radius is doubted in full,
+    since all may be wrong; and on arcs
     shorter than `OVAL_DEG`, where the data hardly tell them apart, it is not taken off.
 
     Args:
@@ -125,7 +128,7 @@ def shared_errors(
     floor = np.diag(variance + 1e-9 * noise**2)
     found = np.array([_generalised(mean, columns, floor + shared) for _, _, shared in guesses])
     size, prior = np.array([guess[:2] for guess in guesses]).T
-    share = prior * np.exp(TRUST * (found[:, 0] - found[:, 0].max()))
+    share = prior * np.exp(LIKELIHOOD_POWER * (found[:, 0] - found[:, 0].max()))
     share = share / share.sum()
     change = float(share @ found[:, 1])
     spread = float(share @ (found[:, 2] + (found[:, 1] - change) ** 2))

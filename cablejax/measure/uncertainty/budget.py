@@ -4,12 +4,24 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from cablejax.measure.fit.beams import BeamBias
+from cablejax.measure.fit.beam_noise import BeamBias
 from cablejax.measure.fit.least_squares import CableFit
 from cablejax.measure.result import BudgetLine
 from cablejax.measure.uncertainty.alignment import Profile
 
 ROUNDING = 1e-5
+# Names of the sources, as a budget after the GUM has them.
+NOISE = "measurement noise"
+CORRELATED = "correlated residuals"
+REGISTRATION = "registration of the stations"
+RANGE_NOISE = "bias from range noise"
+HIGHER_ORDER = "bias of higher order"
+NUMERICAL = "numerical rounding"
+CONFOUNDED = "systematic errors confounded with the radius"
+FORM = "form deviation along the axis"
+LACK_OF_FIT = "lack of fit of the sections"
+SCALE = "scale calibration"
+FILTER = "filter bias"
 
 
 def uncertainty_budget(
@@ -57,28 +69,31 @@ def uncertainty_budget(
     again = "what noise does to the fitted cable scanned anew beyond the formula; of a known scanner 30 s^3 / R^2"
     common = f"neighbours share errors of {shared_mm:.2g} mm; a part of such errors looks like another radius"
     lines = (
-        BudgetLine("noise, arc and number of points", 2 * fit.random_mm, "A", scattered),
-        BudgetLine("correlated residuals", 2 * correlated, "A", patches),
-        BudgetLine("alignment of the stations", 2 * aligned, "A", how),
-        BudgetLine("noise along the beams", bias.doubt_mm, "B", bias.how),
-        BudgetLine("noise of higher order", higher_mm, "B", again),
+        BudgetLine(NOISE, 2 * fit.random_mm, "A", scattered),
+        BudgetLine(CORRELATED, 2 * correlated, "A", patches),
+        BudgetLine(REGISTRATION, 2 * aligned, "A", how),
+        BudgetLine(RANGE_NOISE, bias.doubt_mm, "B", bias.how),
+        BudgetLine(HIGHER_ORDER, higher_mm, "B", again),
         BudgetLine(
-            "rounding and the axis's spline", ROUNDING * 2 * fit.radius_mm, "B", f"{ROUNDING:g} of the diameter"
+            NUMERICAL,
+            ROUNDING * 2 * fit.radius_mm,
+            "B",
+            f"rounding and the axis's spline: {ROUNDING:g} of the diameter",
         ),
-        BudgetLine("shared errors that look like another radius", 2 * unseen_mm, "B", common),
+        BudgetLine(CONFOUNDED, 2 * unseen_mm, "B", common),
     )
     found = (
-        BudgetLine("change along the length", form_mm, "A", form),
+        BudgetLine(FORM, form_mm, "A", form),
         BudgetLine(
-            "sections against the common fit",
+            LACK_OF_FIT,
             against_mm,
             "A",
             "excess of the difference between the sections' mean diameter and the fitted one over its standard deviation",
         ),
     )
     given = (
-        BudgetLine("scale", scale_std * 2 * fit.radius_mm, "B", "scale of the scanner as given"),
-        BudgetLine("filter", filter_std_mm, "B", "left by the filter as given"),
+        BudgetLine(SCALE, scale_std * 2 * fit.radius_mm, "B", "scale of the scanner as given"),
+        BudgetLine(FILTER, filter_std_mm, "B", "left by the filter as given"),
     )
     return lines + tuple(line for line in (*found, *given) if line.std_mm > 0)
 

@@ -6,7 +6,7 @@ from jaxtyping import Array, Bool, Float
 
 from cablejax.nets.aedgeconv import AEdgeConv
 from cablejax.nets.head import Classifier, PooledLayer
-from cablejax.nets.pose import pose_channels, pose_clouds
+from cablejax.nets.input_channels import pose_channels, pose_clouds
 
 
 class DGCNN(nnx.Module):

@@ -10,8 +10,8 @@ from jaxtyping import Array, Bool, Float
 
 from cablejax.nets.head import Classifier, pool_points
 from cablejax.nets.init import he_normal
+from cablejax.nets.input_channels import pose_channels, pose_clouds
 from cablejax.nets.norm import BatchNorm
-from cablejax.nets.pose import pose_channels, pose_clouds
 
 
 class PointLayers(nnx.Module):

@@ -10,8 +10,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from cablejax.nets.baselines.pointnet import PointLayers
 from cablejax.nets.head import Classifier, pool_points
-from cablejax.nets.pose import pose_clouds
-from cablejax.ops.largest import largest
+from cablejax.nets.input_channels import pose_clouds
+from cablejax.ops.maximum import largest
 
 
 def farthest_points(xyz: Float[Array, "n 3"], mask: Bool[Array, " n"], *, m: int) -> Int[Array, " m"]:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from cablejax.report import COLORS, line_styles
-from experiments.analysis.results import Results
+from experiments.analysis.benchmark import Benchmark
 from experiments.display.benchmarks.speed_tables import Found, races
 from experiments.display.drawing import Drawing, new_figure
 
@@ -51,13 +51,13 @@ def speed(found: Found) -> Drawing | None:
     )
 
 
-def scaling(results: Results) -> Drawing:
+def scaling(results: Benchmark) -> Drawing:
     """Seconds and peak memory of outlier removal against the number of points."""
     figure = new_figure(6.6, 3.1)
     axes = figure.subplots(1, 2)
-    names = dict.fromkeys(row["contender"] for row in results.raw["rows"])
+    names = dict.fromkeys(row["contender"] for row in results.rows("rows"))
     for style, name in zip(line_styles(), names, strict=False):
-        rows = [row for row in results.raw["rows"] if row["contender"] == name]
+        rows = [row for row in results.rows("rows") if row["contender"] == name]
         points = [row["points"] for row in rows]
         for ax, key in zip(axes, ("run_s", "peak_gb"), strict=True):
             ax.loglog(points, [row[key] for row in rows], marker="o", ms=4, label=SCALED.get(name, name), **style)
@@ -74,16 +74,16 @@ def scaling(results: Results) -> Drawing:
     )
 
 
-def denoise(results: Results) -> Drawing:
+def denoise(results: Benchmark) -> Drawing:
     """Chamfer distance of each method on PCNet's shapes, tuned on and held out."""
-    levels = list(dict.fromkeys(row["level"] for row in results.raw["rows"]))
-    methods = list(dict.fromkeys(_method(row["method"]) for row in results.raw["rows"]))
+    levels = list(dict.fromkeys(row["level"] for row in results.rows("rows")))
+    methods = list(dict.fromkeys(_method(row["method"]) for row in results.rows("rows")))
     figure = new_figure(6.6, 3.2)
     axes = figure.subplots(1, 2, sharey=True)
     width = 0.8 / len(methods)
     for ax, part, title in zip(axes, ("tuned", "held_out"), ("shapes tuned on", "shapes held out"), strict=True):
         for i, method in enumerate(methods):
-            rows = {row["level"]: row for row in results.raw["rows"] if _method(row["method"]) == method}
+            rows = {row["level"]: row for row in results.rows("rows") if _method(row["method"]) == method}
             at = np.arange(len(levels)) + (i - (len(methods) - 1) / 2) * width
             heights = [rows[level][part] for level in levels]
             ax.bar(at, heights, width, label=method, color=COLORS[i], hatch=HATCHES[i % len(HATCHES)], ec="white")

@@ -1,12 +1,12 @@
 """Tables of the benchmarks that time: kernels beside other libraries, cleaning, registration."""
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from experiments.analysis.results import Results
+from experiments.analysis.benchmark import Benchmark, BenchmarkTable
 from experiments.display.table import Table
 
-Found = dict[str, Results]
+Found = dict[str, Benchmark]
 
 TASKS = {
     "neighbors": "k nearest neighbours",
@@ -62,26 +62,30 @@ def races(found: Found) -> Iterator[Race]:
     for name, results in found.items():
         if name == "benchmarks/filters":  # stages of one path, not contenders; `cleaning` shows them
             continue
-        tables = [results.raw, *(value for value in results.raw.values() if isinstance(value, dict))]
-        for table in tables:
-            if "contenders" in table:
+        for table in results.tables.values():
+            if any("contender" in row for row in table.rows):
                 yield from _races(table)
 
 
-def _races(table: dict[str, Any]) -> Iterator[Race]:
-    title: str = table["title"]
-    config, rows = table["config"], table["contenders"]
+def _races(table: BenchmarkTable) -> Iterator[Race]:
+    title, config, rows = table.title, table.config, table.rows
     work = ", ".join(
         f"k {config[key]}" if key == "k" else f"{config[key]:,} {key.replace('_', ' ')}"
         for key in COUNTS
         if key in config
     )
-    ours = next(iter(rows.values()))["median_s"]
-    for name, row in rows.items():
+    ours = rows[0]["median_s"]
+    for row in rows:
         low, high = row["quartiles_s"]
-        task = TASKS.get(title, title)
+        peer = str(row["contender"])
         yield Race(
-            task, work, LIBRARIES.get(name, str(name)), row["median_s"], (low, high), row["first_call_extra_s"], ours
+            task=TASKS.get(title, title),
+            work=work,
+            peer=LIBRARIES.get(peer, peer),
+            seconds=row["median_s"],
+            quartiles=(low, high),
+            first=row["first_call_extra_s"],
+            ours=ours,
         )
 
 
@@ -104,31 +108,26 @@ def speed(found: Found) -> Table | None:
         "Time beside other libraries",
         ["Task and library", "work", "median (ms)", "quartiles (ms)", "ours / theirs", "first call (s)"],
         rows,
-        f"Contenders take turns in one process on the same data; warm runs, {_machine(next(iter(found.values())))}. Below 1 in "
+        f"Contenders take turns in one process on the same data; warm runs, {next(iter(found.values())).machine}. Below 1 in "
         "`ours / theirs` ours is the faster. First call: what it takes on top of a warm one, nearly all of it compiling; "
         "with JAX's persistent cache later processes load the program instead.",
     )
 
 
-def _machine(results: Results) -> str:
-    cpu = results.raw["provenance"]["cpu"]
-    return f"{cpu['model']}, {cpu['usable']} cores"
-
-
-def cleaning(results: Results) -> Table:
+def cleaning(results: Benchmark) -> Table:
     """Time of outlier removal and of the adaptive filter after it."""
-    rows = []
+    rows, stages = [], {row["contender"]: row for row in results.rows("contenders")}
     for name, label in CLEANING.items():
-        row = results.raw["contenders"][name]
+        row = stages[name]
         low, high = row["quartiles_s"]
         times = f"{1e3 * low:,.0f} to {1e3 * high:,.0f}"
         rows.append([label, f"{1e3 * row['median_s']:,.0f}", times, f"{row['first_call_extra_s']:.1f}"])
-    config = results.raw["config"]
+    config = results.tables["contenders"].config
     return Table(
         "Cleaning a scan",
         ["What", "median (ms)", "quartiles (ms)", "first call (s)"],
         rows,
-        f"{config['points']:,} points, k {config['k']}, {100 * config['stray_share']:g} % of them astray; {_machine(results)}. "
+        f"{config['points']:,} points, k {config['k']}, {100 * config['stray_share']:g} % of them astray; {results.machine}. "
         f"Points on which the two removals differ: {config['differing']}.",
     )
 
@@ -147,7 +146,7 @@ def registration(found: Found) -> Table | None:
             f"{row['error_mrad']:.2f}",
             f"{row['first_call_s']:.1f}",
         ]
-        for row in found["benchmarks/registration"].raw["rows"]
+        for row in found["benchmarks/registration"].rows("rows")
     ]
     return Table(
         "Registration of two clouds",

@@ -2,11 +2,11 @@
 
 from typing import Any
 
-from experiments.analysis.results import Results
+from experiments.analysis.benchmark import Benchmark
 from experiments.display.table import Table
 
 
-def denoise(results: Results) -> Table:
+def denoise(results: Benchmark) -> Table:
     """Chamfer distance on PCNet's shapes, at three levels of noise."""
     rows = [
         [
@@ -15,7 +15,7 @@ def denoise(results: Results) -> Table:
             f"{row['tuned']:.3f}",
             f"{row['held_out']:.3f}",
         ]
-        for row in results.raw["rows"]
+        for row in results.rows("rows")
     ]
     return Table(
         "Denoising PCNet's shapes: 10⁴ Chamfer distance",
@@ -26,7 +26,7 @@ def denoise(results: Results) -> Table:
     )
 
 
-def cables(results: Results) -> Table:
+def cables(results: Benchmark) -> Table:
     """What the filter leaves of noise, and how it moves the diameter, for thick and thin cables."""
     rows = [
         [
@@ -35,18 +35,19 @@ def cables(results: Results) -> Table:
             f"{row['noise_mm'] / row['std_mm']:.1f}",
             f"{row['diameter_bias_mm']:+.4f}",
         ]
-        for row in results.raw["rows"]
+        for row in results.rows("rows")
     ]
+    config = results.tables["rows"].config
     return Table(
-        f"The adaptive filter of order {results.raw['order']} with no parameter given",
+        f"The adaptive filter of order {config['order']} with no parameter given",
         ["Cable and noise", "noise left (mm)", "reduction", "diameter bias (mm)"],
         rows,
-        f"Half-cylinders of {results.raw['points']:,} points, away from the cut edges. Noise of a fifth of the diameter (1 mm on "
+        f"Half-cylinders of {config['points']:,} points, away from the cut edges. Noise of a fifth of the diameter (1 mm on "
         "5 mm) is beyond it.",
     )
 
 
-def simulator(results: Results) -> Table:
+def simulator(results: Benchmark) -> Table:
     """Training clouds that the simulator makes in a minute."""
     rows = [
         [
@@ -54,20 +55,21 @@ def simulator(results: Results) -> Table:
             f"{row['clouds_per_minute']:,.0f}",
             f"{row['first_call_s']:.1f}",
         ]
-        for row in results.raw["training_clouds"]
+        for row in results.rows("training_clouds")
     ]
+    device = results.tables["training_clouds"].config["device"]
     return Table(
         "Simulated training clouds",
         ["Version, points a cloud", "clouds a minute", "first call (s)"],
         rows,
-        f"On {results.raw['device'].upper()}. `standard` and `real-like` share the programs that `clean` and `hard` compiled.",
+        f"On {device.upper()}. `standard` and `real-like` share the programs that `clean` and `hard` compiled.",
     )
 
 
-def readers(results: Results) -> Table:
+def readers(results: Benchmark) -> Table:
     """Files of other projects' test suites, read here and by the peer for that format."""
     kinds: dict[str, list[dict[str, Any]]] = {}
-    for row in results.raw["rows"]:
+    for row in results.rows("files"):
         kinds.setdefault(row["file"].rsplit(".", 1)[1].lower(), []).append(row)
     rows = []
     for kind, files in sorted(kinds.items()):
@@ -86,11 +88,11 @@ def readers(results: Results) -> Table:
         ["Format", "files", "read", "same number of points as the peer", "refused, with the reason"],
         rows,
         f"Peers are laspy and pye57. Refused are files that are damaged or hold no point. "
-        f"Disagreements: {len(results.raw['disagreements'])}.",
+        f"Disagreements: {len(results.rows('disagreements'))}.",
     )
 
 
-def damaged(results: Results) -> Table:
+def damaged(results: Benchmark) -> Table:
     """Randomly damaged files: refused or read, never a crash."""
     rows = [
         [
@@ -101,7 +103,7 @@ def damaged(results: Results) -> Table:
             f"{row.get('died', 0):,}",
             f"{len(row['failures'])}",
         ]
-        for row in results.raw["rows"]
+        for row in results.rows("rows")
     ]
     return Table(
         "Randomly damaged files",

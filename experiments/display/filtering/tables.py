@@ -5,22 +5,27 @@ from experiments.analysis.results import NAMES, Results
 from experiments.display.table import Table, told
 
 NOISES = ("gaussian", "random", "compound")
-FILTERS = ("statistical", "radius", "median", "adaptive")
+FILTERS = ("statistical", "radius", "median", "adaptive")  # the paper's, in its order
+
+
+def filters_of(results: Results) -> list[str]:
+    """The paper's filters, then what else was run."""
+    return [*FILTERS, *(name for name in results.values("filter.name") if name not in FILTERS)]
 
 
 def table1(results: Results) -> Table:
     """Table 1 in the paper's columns: remaining points and seconds, ours and the paper's."""
     rows = []
-    for name in FILTERS:
+    for name in filters_of(results):
         row = [NAMES[name]]
         for noise in NOISES:
             cell = {"filter__name": name, "noise__kind": noise}
-            theirs = paper.TABLE_1[name][noise]
+            theirs = paper.TABLE_1.get(name, {}).get(noise)
             row += [
                 f"{results.mean('remaining', **cell).mean:,.0f}",
-                f"{theirs[0]:,}",
+                f"{theirs[0]:,}" if theirs else "",
                 f"{results.mean('seconds', **cell).mean:.3f}",
-                f"{theirs[1]:.3f}",
+                f"{theirs[1]:.3f}" if theirs else "",
             ]
         rows.append(row)
     header = ["Filter", *["points", "paper", "s", "paper"] * len(NOISES)]
@@ -37,7 +42,7 @@ def table1(results: Results) -> Table:
 def table1_truth(results: Results) -> Table:
     """What the paper could not show: whether the points removed were the wrong ones."""
     rows = []
-    for name in FILTERS:
+    for name in filters_of(results):
         for noise in NOISES:
             cell = {"filter__name": name, "noise__kind": noise}
             rows.append(

@@ -2,9 +2,10 @@
 
 import numpy as np
 
+from cablejax.geometry.robust import COVERAGE
 from cablejax.report import COLORS
 from experiments import ROOT
-from experiments.analysis.results import Results
+from experiments.analysis.benchmark import Benchmark
 from experiments.display.drawing import Drawing, new_figure
 from experiments.display.measurement.tables import groups, name_of
 
@@ -13,7 +14,7 @@ MARKERS = ("o", "s", "^", "D", "v")
 FINEST_MM = 1e-4  # errors below are drawn there: the axes are logarithmic
 
 
-def coverage(results: Results) -> Drawing:
+def coverage(results: Benchmark) -> Drawing:
     """The share of intervals that hold the truth, for each group of scans."""
     rows = groups(results)
     figure = new_figure(6.6, 0.9 + 0.27 * len(rows))
@@ -36,9 +37,9 @@ def coverage(results: Results) -> Drawing:
     )
 
 
-def calibration(results: Results) -> Drawing:
+def calibration(results: Benchmark) -> Drawing:
     """Each scan's error against the standard deviation that it claimed."""
-    scans = [scan for scan in results.raw["scans"] if scan.get("error_mm") is not None]
+    scans = [scan for scan in results.rows("scans") if scan.get("error_mm") is not None]
     presets = list(dict.fromkeys(scan["preset"] for scan in scans))
     figure = new_figure(6.6, 3.8)
     ax = figure.subplots()
@@ -48,7 +49,7 @@ def calibration(results: Results) -> Drawing:
         error = np.maximum(np.abs([scan["error_mm"] for scan in ours]), FINEST_MM)
         ax.plot(claimed, error, MARKERS[i % len(MARKERS)], ms=5, ls="none", color=COLORS[i], label=preset, alpha=0.8)
     ends = np.array([0.7 * min(s["std_mm"] for s in scans), 1.4 * max(s["std_mm"] for s in scans)])
-    ax.plot(ends, 1.96 * ends, color="0.2", lw=1, ls="--", label="end of the 95 % interval")
+    ax.plot(ends, COVERAGE * ends, color="0.2", lw=1, ls="--", label="end of the 95 % interval")
     ax.set_xscale("log")
     ax.set_yscale("log")
     ax.set_xlabel("standard deviation claimed (mm)")
@@ -63,9 +64,9 @@ def calibration(results: Results) -> Drawing:
     )
 
 
-def real_intervals(results: Results) -> Drawing | None:
+def real_intervals(results: Benchmark) -> Drawing | None:
     """Each real scan's interval over its truth."""
-    rows = [row for row in results.raw["scans"] if row["verdict"] in ("holds", "misses")]
+    rows = [row for row in results.rows("scans") if row["verdict"] in ("holds", "misses")]
     if not rows:
         return None
     figure = new_figure(6.6, 0.8 + 0.16 * len(rows))
@@ -88,7 +89,7 @@ def real_intervals(results: Results) -> Drawing | None:
     )
 
 
-def real_pictures(results: Results) -> Drawing | None:
+def real_pictures(results: Benchmark) -> Drawing | None:
     """Three real scans whose interval holds and three that miss or are refused, as `benchmarks.real_pictures` drew them."""
     from matplotlib.image import imread
 

@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from cablejax.geometry.robust import COVERAGE
+from experiments.analysis.benchmark import Benchmark
 from experiments.analysis.results import Results
 from experiments.display.table import Table
 
@@ -34,9 +36,9 @@ def labels(results: Results) -> Table:
     )
 
 
-def measured(results: Results) -> Table:
+def measured(results: Benchmark) -> Table:
     """How often the diameter comes out right among other things, without labels, with a network's and with the true ones."""
-    table = results.raw["table"]
+    table = results.rows("summary")
     rows = []
     for scene in dict.fromkeys(row["scene"] for row in table):
         ways = {row["way"]: row for row in table if row["scene"] == scene}
@@ -54,11 +56,11 @@ def measured(results: Results) -> Table:
     )
 
 
-def known_scanner(found: dict[str, Results]) -> Table | None:
+def known_scanner(found: dict[str, Benchmark]) -> Table | None:
     """Error and claim on the same scans without and with the scanner's own numbers."""
     if PLAIN not in found or KNOWN not in found:
         return None
-    plain, known = ({row["index"]: row for row in found[name].raw["scans"]} for name in (PLAIN, KNOWN))
+    plain, known = ({row["index"]: row for row in found[name].rows("scans")} for name in (PLAIN, KNOWN))
     both = [
         (plain[i], known[i])
         for i in known
@@ -68,7 +70,7 @@ def known_scanner(found: dict[str, Results]) -> Table | None:
     for preset in dict.fromkeys(one["preset"] for one, _ in both if one["preset"] != "ideal"):
         mine = [pair for pair in both if pair[0]["preset"] == preset]
         error, std = (np.array([[one[name] for one in pair] for pair in mine]) for name in ("error_mm", "std_mm"))
-        holds = np.mean(np.abs(error) < 1.96 * std, axis=0)
+        holds = np.mean(np.abs(error) < COVERAGE * std, axis=0)
         rows.append(
             [
                 preset,

@@ -12,7 +12,7 @@ from experiments.display.table import Table
 def _cells(results: Results) -> dict[tuple[str, int], list[dict[str, Any]]]:
     """The runs of each dataset and number of points, in order."""
     cells: dict[tuple[str, int], list[dict[str, Any]]] = {}
-    for row in sorted(results.raw["runs"], key=lambda row: (row["dataset"], row["n_points"], row["seed"])):
+    for row in sorted(results.runs, key=lambda row: (row["dataset"], row["n_points"], row["seed"])):
         cells.setdefault((row["dataset"], row["n_points"]), []).append(row)
     return cells
 
@@ -40,7 +40,7 @@ def ways(results: Results) -> Table:
         "Finding the cable first",
         ["Clouds", "points", "all", "kept", "true", "true points", "sizes", "error (mm)", "IoU (%)", "right at 90 %"],
         rows,
-        f"Share of {results.raw['runs'][0]['clouds']} test clouds of 13 sizes whose size is told rightly: by a robust cylinder "
+        f"Share of {results.runs[0]['clouds']} test clouds of 13 sizes whose size is told rightly: by a robust cylinder "
         "fit and the nearest size, fitted to all points, to those that the network keeps, to those that truly are the cable's; "
         "by the likeliest size, residuals of the true points taken for independent and normal; by adgcnn_fit. Its diameter's "
         f"median error, the cable's intersection over union; mean of {len(results.seeds)} seeds with its 95 % interval. Last, of "

@@ -1,6 +1,6 @@
 """Tables of the measured diameter: how often the interval holds the truth, and real scans."""
 
-from experiments.analysis.results import Results
+from experiments.analysis.benchmark import Benchmark
 from experiments.display.table import Table
 
 GROUPS = {
@@ -19,9 +19,9 @@ METHODS = {
 }
 
 
-def accuracy(results: Results) -> Table:
+def accuracy(results: Benchmark) -> Table:
     """Error of the diameter on simulated scans, beside the straight cylinder that is commonly fitted."""
-    table = results.raw["table"]
+    table = results.rows("summary")
     rows = [
         [
             f"{row['row']}: {METHODS[row['method']]}",
@@ -58,7 +58,7 @@ def name_of(row: dict) -> str:
     return f"{GROUPS[row['by']]}: {value}"
 
 
-def coverage(results: Results) -> Table:
+def coverage(results: Benchmark) -> Table:
     """How often the 95 % interval holds the truth, by what the scans have in common."""
     rows = [
         [
@@ -82,16 +82,16 @@ def coverage(results: Results) -> Table:
     )
 
 
-def groups(results: Results) -> list[dict]:
+def groups(results: Benchmark) -> list[dict]:
     """The groups of the coverage table that say more than the row of all scans does."""
-    table = results.raw["table"]
+    table = results.rows("summary")
     alone = {row["by"] for row in table if sum(other["by"] == row["by"] for other in table) == 1} - {"all"}
     return [row for row in table if row["by"] not in alone]
 
 
-def real_scans(results: Results) -> Table | None:
+def real_scans(results: Benchmark) -> Table | None:
     """Real scans, none of which is a cable: measured, and what is known of them."""
-    rows = [_real_scan(row) for row in results.raw["table"] if row["row"] == "real file"]
+    rows = [_real_scan(row) for row in results.rows("summary") if row["row"] == "real file"]
     if not rows:
         return None
     return Table(
@@ -116,7 +116,7 @@ def _real_scan(row: dict) -> list[str]:
     ]
 
 
-def real_grades(results: Results) -> Table:
+def real_grades(results: Benchmark) -> Table:
     """Real scans of known size by the grade of their truth: which intervals hold."""
     told = {
         "A": "A, published and confirmed on a mesh",
@@ -126,7 +126,7 @@ def real_grades(results: Results) -> Table:
         "A, B, C": "A, B and C together",
     }
     rows = []
-    for row in results.raw["table"]:
+    for row in results.rows("summary"):
         if row["grade"] in told:
             share = "" if row["share_held"] is None else f"{100 * row['share_held']:.0f}"
             counts = [str(row[name]) for name in ("scans", "holds", "misses", "refused", "false cable", "failed")]

@@ -9,7 +9,7 @@ from experiments.display.drawing import Drawing, new_figure
 
 def surface(results: Results) -> Drawing:
     """Weights of the channels, and their mean at each point of the unrolled surface, for three sizes."""
-    clouds = results.raw["clouds"]
+    clouds = results.clouds
     layers = len(clouds[0]["channels"])
     figure = new_figure(6.8, 1.8 + 1.55 * len(clouds))
     axes = figure.subplots(1 + len(clouds), layers)
@@ -38,7 +38,7 @@ def surface(results: Results) -> Drawing:
 
 
 def _told(results: Results) -> str:
-    run, config = results.raw["run"]["experiment"], results.raw["config"]
+    run, config = results.trained_by, results.shared
     return f"of `{run}`, size {results.size}, {config['optimizer.name']}, {config['training.epochs']} epochs"
 
 

@@ -50,7 +50,7 @@ def sensitivity(results: Results) -> Drawing:
     """Validation accuracy against the learning rate, a curve for each optimizer."""
     figure = new_figure(6.6, 3.6)
     ax = figure.subplots()
-    for style, (name, rates) in zip(line_styles(), best_accuracies(results.raw).items(), strict=False):
+    for style, (name, rates) in zip(line_styles(), best_accuracies(results.runs).items(), strict=False):
         ax.plot(list(rates), list(rates.values()), marker="o", ms=3.5, label=NAMES[name], **style)
     ax.set_xscale("log")
     ax.set_xlabel("learning rate")

@@ -7,7 +7,7 @@ import numpy as np
 
 from cablejax.report import line_styles
 from experiments.analysis.results import NAMES, Results
-from experiments.analysis.study_summary import arms, best_of_trials, final_rows, profile
+from experiments.analysis.study_summary import OWN, arms, best_of_trials, final_rows, own_arm, profile
 from experiments.display.drawing import Drawing, new_figure
 from experiments.display.optimizers.study_tables import TITLES
 
@@ -24,7 +24,7 @@ def curves(results: Results) -> Drawing | None:
     names = list(dict.fromkeys([*trials, *there]))
     for style, arm in zip(_styles(len(names)), names, strict=True):
         if arm in there:
-            runs = [[epoch["validation_overall"] for epoch in row["history"]] for row in final_rows(results, arm)]
+            runs = [row["history"]["validation_overall"] for row in final_rows(results, arm)]
             left.plot(*_middle(runs), **style)
         if arm in trials:
             right.plot(np.arange(1, len(trials[arm]) + 1), trials[arm], label=NAMES[arm], **style)
@@ -37,12 +37,12 @@ def curves(results: Results) -> Drawing | None:
     right.set_title("(b) best of n trials, expected", loc="left", fontsize=10)
     right.set_xlabel("trials n")
     figure.legend(*right.get_legend_handles_labels(), loc="outside lower center", ncols=3)
-    title = TITLES[results.raw["experiment"]]
+    title = TITLES[results.experiment]
     return Drawing(
-        results.raw["experiment"],
+        results.experiment,
         figure,
-        f"Validation accuracy of every optimizer against epochs, and of the best of n tuning trials, {title}.",
-        f"The study, {title}: what an optimizer reaches once tuned, and how many trials of tuning that takes.",
+        f"Validation accuracy of every arm against epochs, and of the best of n tuning trials, {title}.",
+        f"The study, {title}: what each reaches once tuned, and how many trials of tuning that takes.",
     )
 
 
@@ -64,7 +64,7 @@ def _middle(runs: list[list[float]]) -> tuple[np.ndarray, np.ndarray]:
 
 def profiles(found: dict[str, Results]) -> Drawing | None:
     """Performance profiles over the parts that are complete."""
-    complete = {name: each for name, each in found.items() if arms(each) and name != "study_gradient_descent"}
+    complete = {name: each for name, each in found.items() if arms(each) and own_arm(each) == OWN}
     shares = profile(complete, FACTORS) if len(complete) > 1 else {}
     if not shares:
         return None

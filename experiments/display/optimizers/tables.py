@@ -62,7 +62,7 @@ def fitted_beside(results: Results) -> str:
 def search(results: Results) -> Table:
     """What tuning found: each optimizer's best learning rate on validation, and how many rates do nearly as well."""
     rows, at_end = [], []
-    for name, rates in best_accuracies(results.raw).items():
+    for name, rates in best_accuracies(results.runs).items():
         best = max(rates, key=lambda rate: (rates[rate], rate))
         near = [rate for rate, accuracy in rates.items() if accuracy >= 0.9 * rates[best]]
         at_end += [NAMES[name]] if best == max(rates) else []

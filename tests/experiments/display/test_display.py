@@ -6,15 +6,15 @@ from pathlib import Path
 import pytest
 
 from cablejax.io import write_json
-from experiments import figures, readme, report, study, study_results
+from experiments import figures, readme, report
 from experiments.analysis import rules
 from experiments.display import sections
 from experiments.display.claims import CLAIMS, verdict_table
 from experiments.display.filtering import paper_layout as paper_tables
 from experiments.display.networks import tables as network_tables
 from experiments.display.table import Table
-from experiments.study import PARTS
-from tests.experiments.test_study import worked_off
+from experiments.material.study_plan import PARTS
+from tests.experiments.test_study import folded
 
 OPTIMIZERS = ("adadelta", "sgd", "mbgd", "adagrad", "rmsprop", "adam", "adamw")
 SIZES = ["25", "150", "630"]
@@ -95,10 +95,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     results_file(out, "standard_adgcnn", {"model.name": "adgcnn"}, runs([({}, trained(0.9, 1.0))]))
     results_file(out, "hard_adgcnn", {"model.name": "adgcnn"}, runs([({}, trained(0.2, 2.0))]))
     results_file(out, "fig13_short", {}, [{"cell": {}, "seed": 0, "metrics": trained(0.9, 1.0)}])
-    with pytest.MonkeyPatch.context() as patch:
-        for part in PARTS:
-            patch.setattr(study, "finished", lambda part, **place: worked_off(part))
-            study_results.fold(part, size="smoke", runs=out, out=out, allow_dirty=True)
+    for part in PARTS:
+        folded(out, part)
     results_file(out, "robustness", {}, runs([({}, {"conditions": conditions})]))
     told = {"accuracy": 0.7, "within_one": 0.9, "median_error_mm": 0.6}
     arcs = [{"from_deg": 0, "to_deg": 80, "clouds": 9, "adgcnn_fit": 0.5, "likelihood": 0.6}]
@@ -151,9 +149,9 @@ def test_paper_tables_have_the_papers_layout(folder: Path):
 
 def test_report_and_readme_hold_every_table(folder: Path):
     page = report.build(folder).render()
-    text = readme.fill("<!-- results:begin -->\n<!-- results:end -->", folder)
+    text = readme.fill("<!-- made: sections -->\n<!-- end -->", folder)
     for table in sections.all_tables(folder):
-        assert f"**{table.title}**" in text
+        assert f"### {table.title}\n" in text
     for section in sections.SECTIONS:
         if section.names != ("diameter",):
             assert f">{section.title}</h2>" in page
