@@ -8,7 +8,7 @@ import numpy as np
 from cablejax.geometry.robust import COVERAGE
 from cablejax.optional import require
 from cablejax.report.page import Page
-from cablejax.report.scene import point_scene
+from cablejax.report.scene import SCALE, point_scene
 from cablejax.report.style import COLORS, figure_style
 
 if TYPE_CHECKING:
@@ -232,7 +232,7 @@ def _surface(m: Measured) -> "Figure":
     angle = np.mod(np.asarray(m.angle_deg)[on] + 180, 360) - 180
     deviation = np.asarray(m.deviation_mm)[on]
     drawn = ax.scatter(
-        np.asarray(m.along_mm)[on], angle, c=deviation, s=2, cmap="RdBu", vmin=-limit, vmax=limit, rasterized=True
+        np.asarray(m.along_mm)[on], angle, c=deviation, s=2, cmap=SCALE, vmin=-limit, vmax=limit, rasterized=True
     )
     ax.set_ylim(-180, 180)
     ax.set_yticks([-180, -90, 0, 90, 180])

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from plotly.graph_objects import Figure as Figure3D
 
 MOST_POINTS = 12_000
-SCALE = "RdBu"
+SCALE = "RdBu_r"  # blue inside, red outside, as on the page of `cablejax app`
 
 
 def thin(n: int, *, most: int = MOST_POINTS) -> np.ndarray:

@@ -26,6 +26,18 @@ def test_a_page_refers_to_nothing_outside_itself():
     assert "data:image/png;base64," in text
 
 
+def test_outside_is_red_and_inside_blue_in_every_picture():
+    from cablejax.report import scene_figure
+
+    trace = scene_figure(clouds(), label="deviation (mm)", limit=1.0).data[0]
+    inside, outside = (np.array(re.findall(r"\d+", trace.marker.colorscale[end][1]), int) for end in (0, -1))
+    dots = point_views(clouds(), label="deviation (mm)", limit=1.0).axes[0].collections[0]
+    low, high = dots.to_rgba([-1.0, 1.0])[:, :3]
+    for blue, red in ((inside, outside), (low, high)):
+        assert blue[2] > blue[0]
+        assert red[0] > red[2]
+
+
 def test_what_is_given_is_escaped():
     page = Page("<script>alert(1)</script>", subtitle="<b>")
     page.section("<i>", "<u>")
