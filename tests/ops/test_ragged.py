@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from cablejax.ops import build_tree, knn, query, query_radius, radius_count, radius_search
+from cablejax.ops.neighbors import descent, select
 from cablejax.types import Status
 from tests.reference import neighbors as reference
 
@@ -55,6 +56,17 @@ def test_every_cloud_is_searched_alone(axes, kind):
             assert (np.asarray(found.status[own]) == few).all()
     assert (np.asarray(found.neighbors[-PADDING:]) == -1).all()
     assert not np.asarray(found.status[-PADDING:]).any()
+
+
+def test_other_rounding_of_scores_drops_no_leaf(monkeypatch):
+    """XLA may round a score anew where it is compared: a tie above a threshold then comes below it, with no room for all."""
+    monkeypatch.setattr(descent, "selected", lambda score, least: select.selected(score, least * (1 + 3e-7)))
+    rng = np.random.default_rng(0)
+    xyz = (0.01 * rng.normal(size=(2500, 3))).astype(np.float32)
+    xyz[:600] = xyz[0]  # 75 leaves that are equally far from everything
+    found = query(build_tree(jnp.asarray(xyz)), k=4)  # a k of its own: what is traced here stays with it
+    np.testing.assert_allclose(found.sq_dist, reference.knn(xyz, 4)[1], rtol=1e-6)
+    assert not np.asarray(found.status).any()
 
 
 @pytest.mark.parametrize("sizes", [(1300, 2, 0, 1, 900, 500, 30), (1137, *range(40), *(2, 0, 1) * 20, *(6,) * 126)])
