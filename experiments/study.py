@@ -24,7 +24,7 @@ from experiments import ROOT
 from experiments.harness import run_log
 from experiments.harness.revision import code_revision
 from experiments.harness.sources import present
-from experiments.material.study_plan import PARTS, Job, Records, config_of, count, jobs
+from experiments.material.study_plan import FINAL, PARTS, Job, Records, config_of, count, jobs
 
 LOG = ROOT / "results" / "study"
 INTERRUPTED = 130
@@ -57,7 +57,7 @@ def execute(part: str, job: Job, *, size: str, log: Path) -> dict[str, Any]:
         "options": cfg.optimizer.options,
         "seconds": round(time.perf_counter() - start, 1),
         "cpu_seconds": round(time.process_time() - busy, 1),
-        "metrics": run_log.compact(metrics),
+        "metrics": run_log.compact(metrics, losses=job.stage == FINAL),
         "config": run_log.config_digest(cfg),
         "revision": code_revision()[:12],
         "origin": run_log.register(log, run_log.origin(this.module, this.unused)),

@@ -14,21 +14,24 @@ from typing import Any
 
 from cablejax.io import write_json
 from experiments import ROOT, study
+from experiments.analysis.statistics import fluctuation_of_updates
 from experiments.collect import CollectError, flatten
 from experiments.harness import run_log
 from experiments.material.study_plan import FINAL, PARTS, Job, complete, config_of, name_of
 
-LEFT_OUT = ("history", "learning_rate")
+LEFT_OUT = ("history", "learning_rate", "first_losses", "losses")
 
 
-def row_of(job: Job, record: dict[str, Any]) -> dict[str, Any]:
-    """What is kept of a run; the history by column."""
+def row_of(job: Job, record: dict[str, Any], *, updates: int) -> dict[str, Any]:
+    """What is kept of a run of so many updates an epoch; the history by column, of the losses how much they fluctuate."""
     metrics = record["metrics"]
+    rough = {"fluctuation": fluctuation_of_updates(metrics["losses"], updates)} if metrics.get("losses") else {}
     return {
         **job._asdict(),
         "learning_rate": metrics["learning_rate"],
         "options": record["options"],
         **{key: value for key, value in metrics.items() if key not in LEFT_OUT},
+        **rough,
         "cpu_seconds": record["cpu_seconds"],
         "history": {key: [epoch[key] for epoch in metrics["history"]] for key in run_log.COLUMNS},
     }
@@ -61,10 +64,12 @@ def fold(part: str, *, size: str, log: Path, out: Path) -> Path:
         "seconds": round(sum(record["cpu_seconds"] for record in records), 1),
         "provenance": {key: value for key, value in origins[records[-1]["origin"]].items() if key != "sources"},
         "config": {key: value for key, value in shared.items() if key != "out"},
+        "arms": list(PARTS[part].arms),
+        "own": next(iter(PARTS[part].arms)),
         "target": PARTS[part].target,
         "updates_per_epoch": updates_per_epoch(part, shared),
         "missing": sum(len(PARTS[part].final) for arm in PARTS[part].arms) - sum(job.stage == FINAL for job in kept),
-        "runs": [row_of(job, record) for job, record in zip(kept, records, strict=True)],
+        "runs": [row_of(job, record, updates=updates_per_epoch(part, shared)) for job, record in zip(kept, records, strict=True)],
     })  # fmt: skip
     return path
 

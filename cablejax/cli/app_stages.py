@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cablejax.cli import measure, measure_settings, standards
+from cablejax.cli import measure, measure_input, standards
 from cablejax.cli.arguments import add_output
 from cablejax.cli.errors import NoResultError
 from cablejax.cli.scans import load
@@ -58,18 +58,13 @@ class _Work:
             options = parser.parse_args([*self.arguments, "--", self.path])
         except SystemExit:
             raise NoResultError(f"{' '.join(self.arguments)}: are no options of `cablejax measure`") from None
-        limits = options.tolerance
-        if limits is not None and not limits[0] < limits[1]:
-            raise NoResultError(f"--tolerance: expected LOW below HIGH, got {limits[0]:g} {limits[1]:g}")
+        measure_input.check_tolerance(options)
         return options
 
     @functools.cached_property
     def known(self) -> Found:
         """What is given to a measurement beside the points."""
-        return {
-            "catalogue": measure_settings.sizes(self.options.catalogue),
-            "settings": measure_settings.settings(self.options),
-        }
+        return measure_input.given(self.options)
 
     @functools.cached_property
     def scan(self) -> "PointFile":
@@ -145,12 +140,11 @@ def _every(work: _Work, folder: Path) -> Found:
 def _views(work: _Work, folder: Path, cables: "Sequence[CableMeasurement]") -> Found:
     """What the page is told of cables, and the files that it draws them from."""
     from cablejax.app.view import cable_view, write_cloud, write_surfaces
-    from cablejax.measure import conformity
 
     limits, views = work.options.tolerance, []
     for number, one in enumerate(cables, 1):
         said = standards.as_json(*standards.read_and_sized(one, limits))
-        sure = limits and conformity(one.diameter_mm, one.std_mm, low=limits[0], high=limits[1])
+        sure = measure_input.conformity_of(work.options, one.diameter_mm, one.std_mm)
         views.append({**cable_view(number, one), **said, "conformity": sure})
     write_surfaces(folder, cables)
     return {"cables": views, "cloud": write_cloud(folder / "cloud.bin", work.scan.xyz_mm, cables)}

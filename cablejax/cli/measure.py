@@ -6,11 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from cablejax.batch.table import Column
-from cablejax.cli import exports, folder, measure_settings, scene, standards
+from cablejax.cli import exports, folder, measure_input, scene, standards
 from cablejax.cli.arguments import add_scan
-from cablejax.cli.checkpoint import parts_of
 from cablejax.cli.errors import NoResultError
-from cablejax.cli.scans import check_output, load, make_folder, rows, save_bytes, say
+from cablejax.cli.scans import rows, say
 from cablejax.optional import require
 
 SCHEMA = "measure-rows/1"
@@ -145,29 +144,21 @@ def one(options: argparse.Namespace) -> dict[str, Any]:
     """Read, measure, judge, write the report."""
     if options.all:
         return scene.run(options)
-    if options.tolerance is not None and not options.tolerance[0] < options.tolerance[1]:
-        raise NoResultError(
-            f"--tolerance: expected LOW below HIGH, got {options.tolerance[0]:g} {options.tolerance[1]:g}"
-        )
-    if options.report is not None:
-        require("jinja2", "plotly", "matplotlib", why="a report")
-        make_folder(Path(options.report).parent)
-        check_output(options.report, (".html", ".htm"))
+    measure_input.check_tolerance(options)
+    measure_input.check_report(options, "jinja2", "plotly", "matplotlib")
     exports.check(options)
-    sizes, settings = measure_settings.sizes(options.catalogue), measure_settings.settings(options)
-    scan = load(options, options.scan)
-    part = parts_of(options, scan)
-    from cablejax.measure import MeasureError, conformity, measure_cable
-    from cablejax.report import measurement_page
+    scan, part, given = measure_input.read_labelled(options)
+    from cablejax.measure import MeasureError, measure_cable
 
     say(options, f"measuring {len(scan.xyz_mm):,} points")
     try:
-        on_cable = None if part is None else part == "cable"
-        result = measure_cable(scan.xyz_mm, on_cable=on_cable, catalogue=sizes, settings=settings)
+        result = measure_cable(scan.xyz_mm, **given)
     except MeasureError as error:
         raise NoResultError(f"{options.scan}: {error}") from None
     parts = None if part is None else dict(sorted(Counter(part.tolist()).items(), key=lambda pair: -pair[1]))
     if options.report is not None:
+        from cablejax.report import measurement_page
+
         html = measurement_page(
             result,  # pyright: ignore[reportArgumentType] frozen, and the protocol's attributes could be set
             title=Path(options.scan).name,
@@ -175,13 +166,9 @@ def one(options: argparse.Namespace) -> dict[str, Any]:
             xyz_mm=scan.xyz_mm,
             parts=parts,
         )
-        _save_report(options, html)
+        measure_input.save_report(options, html)
     read, section_sizes = standards.read_and_sized(result, options.tolerance)
     exported = exports.write(options, scan, result, read, section_sizes)
-    judged = None
-    if options.tolerance is not None:
-        low, high = options.tolerance
-        judged = conformity(result.diameter_mm, result.std_mm, low=low, high=high)
     return {
         "file": str(scan.path),
         "file_unit": scan.unit,
@@ -190,14 +177,9 @@ def one(options: argparse.Namespace) -> dict[str, Any]:
         **standards.as_json(read, section_sizes),
         "parts": parts,
         "tolerance_mm": options.tolerance,
-        "conformity": judged,
+        "conformity": measure_input.conformity_of(options, result.diameter_mm, result.std_mm),
         "exported": exported,
     }
-
-
-def _save_report(options: argparse.Namespace, html: str) -> None:
-    save_bytes(options.report, html.encode(errors="backslashreplace"))  # file names may be no text
-    say(options, f"report: {options.report}")
 
 
 def _interval(interval: list[float] | None, digits: str = ".3f") -> str:

@@ -6,10 +6,9 @@ import io
 from pathlib import Path
 from typing import Any
 
-from cablejax.cli import exports, measure_settings, standards
-from cablejax.cli.checkpoint import parts_of
+from cablejax.cli import exports, measure_input, standards
 from cablejax.cli.errors import NoResultError
-from cablejax.cli.scans import check_output, load, make_folder, rows, save_bytes, say
+from cablejax.cli.scans import check_output, rows, save_bytes, say
 from cablejax.optional import require
 
 COLUMNS: tuple[str, ...] = (
@@ -25,23 +24,17 @@ ROW: tuple[str, ...] = (
 def run(options: argparse.Namespace) -> dict[str, Any]:
     """Measure every cable, judge each, write CSV, picture and report."""
     _check(options)
-    sizes, settings = measure_settings.sizes(options.catalogue), measure_settings.settings(options)
-    scan = load(options, options.scan)
-    part = parts_of(options, scan)
-    from cablejax.measure import MeasureError, conformity, measure_cables
+    scan, _, given = measure_input.read_labelled(options)
+    from cablejax.measure import MeasureError, measure_cables
 
     say(options, f"looking for cables in {len(scan.xyz_mm):,} points")
     try:
-        on_cable = None if part is None else part == "cable"
-        scene = measure_cables(
-            scan.xyz_mm, on_cable=on_cable, catalogue=sizes, settings=settings, expect=options.expect
-        )
+        scene = measure_cables(scan.xyz_mm, **given, expect=options.expect)
     except MeasureError as error:
         raise NoResultError(f"{options.scan}: {error}") from None
     result = {"file": str(scan.path), "file_unit": scan.unit, "dropped": scan.dropped, **scene.to_dict()}
     for one in result["cables"]:
-        limits = options.tolerance
-        one["conformity"] = limits and conformity(one["diameter_mm"], one["std_mm"], low=limits[0], high=limits[1])
+        one["conformity"] = measure_input.conformity_of(options, one["diameter_mm"], one["std_mm"])
     result |= {
         "tolerance_mm": options.tolerance,
         "expected": options.expect,
@@ -74,13 +67,8 @@ def _check(options: argparse.Namespace) -> None:
     exports.check(options)
     if options.expect is not None and options.expect < 1:
         raise NoResultError(f"--expect: expected at least 1, got {options.expect}")
-    if options.tolerance is not None and not options.tolerance[0] < options.tolerance[1]:
-        low, high = options.tolerance
-        raise NoResultError(f"--tolerance: expected LOW below HIGH, got {low:g} {high:g}")
-    if options.report is not None:
-        require("jinja2", "matplotlib", why="a report")
-        make_folder(Path(options.report).parent)
-        check_output(options.report, (".html", ".htm"))
+    measure_input.check_tolerance(options)
+    measure_input.check_report(options, "jinja2", "matplotlib")
     if options.picture is not None:
         require("matplotlib", why="--picture")
         check_output(options.picture, (".png",))
@@ -96,8 +84,7 @@ def _draw(options: argparse.Namespace, scene: Any, xyz_mm: Any) -> None:
         say(options, f"picture: {options.picture}")
     if options.report is not None:
         page = cables_page(scene, title=Path(options.scan).name, source=str(options.scan), xyz_mm=xyz_mm)
-        save_bytes(options.report, page.encode(errors="backslashreplace"))
-        say(options, f"report: {options.report}")
+        measure_input.save_report(options, page)
 
 
 def rows_of(result: dict[str, Any]) -> list[dict[str, Any]]:

@@ -101,7 +101,14 @@ def join(clouds: list[RawCloud]) -> RawCloud:
         color = np.concatenate([as_uint16(part) if wide else part for part in colors])
     if all(cloud.intensity is not None for cloud in filled):
         intensity = np.concatenate([cloud.intensity for cloud in filled if cloud.intensity is not None])
-    return RawCloud(np.concatenate([cloud.xyz for cloud in filled]), color, intensity, dropped, notes, filled[0].unit)
+    return RawCloud(
+        xyz=np.concatenate([cloud.xyz for cloud in filled]),
+        color=color,
+        intensity=intensity,
+        dropped=dropped,
+        notes=notes,
+        unit=filled[0].unit,
+    )
 
 
 def colored(cloud: RawCloud, values: np.ndarray, *, shares: bool = False) -> RawCloud:

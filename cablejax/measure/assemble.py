@@ -146,6 +146,19 @@ def assembled(
     )
 
 
+def _one_diameter(fit: CableFit) -> _Form:
+    """The common fit alone, where no stretch is known."""
+    return _Form(
+        stretches=(),
+        residual_mm=fit.residual_mm,
+        mean_mm=None,
+        spread_mm=0.0,
+        against_mm=0.0,
+        words=ONE,
+        uneven=None,
+    )
+
+
 def _form(scan: Scan, fitted: Fitted, find: Find) -> _Form:
     """What circles of any size along the axis say about the thing's form."""
     fit = fitted.fit
@@ -161,14 +174,14 @@ def _form(scan: Scan, fitted: Fitted, find: Find) -> _Form:
     stretches = stretches_of(profile, common_std_mm=0.0, correlation=correlation)
     inside = within(stretches, 0.0, length)
     if not inside:
-        return _Form((), fit.residual_mm, None, 0.0, 0.0, ONE, None)
+        return _one_diameter(fit)
     used = fit.weight > 0
     residual = profile.distance(fit.place) - 0.5 * diameter_at(inside, fit.place.s)
     if form_of(inside) != ONE and robust_std(residual[used]) > BETTER * robust_std(fit.residual_mm[used]):
         profile = profile.subset((profile.s_mm >= 0) & (profile.s_mm <= length))
         stretches = inside = stretches_of(profile, common_std_mm=0.0, correlation=correlation, most=1)
     if not inside:
-        return _Form((), fit.residual_mm, None, 0.0, 0.0, ONE, None)
+        return _one_diameter(fit)
     mean, spread = mean_of(inside)
     one = form_of(inside) == ONE
     own = max(part.std_mm for part in inside)
@@ -260,7 +273,7 @@ def _diameter(fitted: Fitted, form: _Form, arc: float, settings: MeasureSettings
     # A thing of several diameters has no narrow interval for one, and is known all the same.
     if np.sqrt(std**2 - form.spread_mm**2) > WORST_STD * value:
         raise unknown_diameter(value, std, arc)
-    return _Diameter(value, beam, budget, std, shape, form.words)
+    return _Diameter(value_mm=value, beam=beam, budget=budget, std_mm=std, shape=shape, form=form.words)
 
 
 def _headline(fit: CableFit, shape: Oval | None, profile: alignment.Profile | None, bias_mm: float) -> float:

@@ -91,7 +91,14 @@ def register_auto(
             f"least {100 * LEAST_OVERLAP:.0f} % are needed; the scans share too little, or are in different units"
         )
     rival = max(others, default=None)
-    return Alignment(found, voxels, start, best, rival, _doubts(found, best, rival, voxels[-1]))
+    return Alignment(
+        result=found,
+        voxels=voxels,
+        start=start,
+        overlap=best,
+        rival=rival,
+        doubts=_doubts(found, best, rival, voxels[-1]),
+    )
 
 
 def scales_of(xyz: Float[np.ndarray, "n 3"]) -> tuple[float, ...]:

@@ -202,7 +202,17 @@ def icp_step(
     variance = jnp.sum(weight * residual) / jnp.maximum(count - 6, 1.0)
     rmse = jnp.sqrt(jnp.sum(pairs.weight * distance) / count)
     new = _product(_about(twist, center), T_target_source)
-    return Step(new, moved, rmse, pairs.weight.sum(), variance * inverse / count, shares, directions, seen, center)
+    return Step(
+        T_target_source=new,
+        moved=moved,
+        rmse=rmse,
+        inliers=pairs.weight.sum(),
+        covariance=variance * inverse / count,
+        observability=shares,
+        directions=directions,
+        seen=seen,
+        center=center,
+    )
 
 
 def _about(twist: Float[Array, "6"], center: Float[Array, "3"]) -> Float[Array, "4 4"]:

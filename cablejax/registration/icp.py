@@ -74,18 +74,18 @@ def nothing(T: np.ndarray, count: int, iterations: int) -> RegistrationResult:
     unknown = np.zeros((6, 6))
     status = int(Status.EMPTY | Status.NOT_CONVERGED)
     return RegistrationResult(
-        T,
-        False,
-        iterations,
-        count,
-        float("nan"),
-        status,
-        unknown,
-        np.zeros(6),
-        unknown,
-        np.zeros(6, bool),
-        np.zeros(3),
-        0.0,
+        T_target_source=T,
+        converged=False,
+        iterations=iterations,
+        inliers=count,
+        rmse=float("nan"),
+        status=status,
+        covariance=unknown,
+        observability=np.zeros(6),
+        directions=unknown,
+        seen=np.zeros(6, bool),
+        center=np.zeros(3),
+        overlap=0.0,
     )
 
 

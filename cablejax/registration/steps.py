@@ -140,6 +140,16 @@ def steps(
         return ~state.small & ~state.doubtful & enough & (state.done < limits.steps)
 
     zero, none = jnp.float32(0), jnp.zeros(6)
-    blank = Step(T_target_source, zero, zero, zero, jnp.zeros((6, 6)), none, jnp.zeros((6, 6)), none > 0, jnp.zeros(3))
+    blank = Step(
+        T_target_source=T_target_source,
+        moved=zero,
+        rmse=zero,
+        inliers=zero,
+        covariance=jnp.zeros((6, 6)),
+        observability=none,
+        directions=jnp.zeros((6, 6)),
+        seen=none > 0,
+        center=jnp.zeros(3),
+    )
     start = State(T_target_source, blank, jnp.int32(0), jnp.bool_(False), jnp.bool_(False))
     return jax.lax.while_loop(goes_on, once, start)

@@ -119,7 +119,16 @@ def cast(scene: Scene, beam: Beam) -> Echo:
     sine = jnp.sqrt(jnp.maximum(1 - cosine**2, 0.0))
     inside = surface.radius_mm * cosine**2 / (1 + sine)
     margin = jnp.where(passes, -surface.signed_distance_mm, inside)
-    return Echo(hit, t, xyz, cosine, margin, surface.arc_mm, surface.angle, surface.part)
+    return Echo(
+        hit=hit,
+        range_mm=t,
+        xyz_mm=xyz,
+        cosine=cosine,
+        margin_mm=margin,
+        arc_mm=surface.arc_mm,
+        angle=surface.angle,
+        part=surface.part,
+    )
 
 
 def _to_cylinder(surface: SurfacePoint, beam: Beam) -> tuple[Float[Array, ""], Bool[Array, ""]]:

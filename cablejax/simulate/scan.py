@@ -110,10 +110,22 @@ def scan_scene(
         raise ValueError(f"arc_deg: {arc_deg!r} leaves too little of the cable to be seen")
     poses = jax.vmap(station_pose, in_axes=(None, 0, None))(cable, angles, jnp.float32(device.standoff_mm))
     return Scan(
-        rows.xyz_mm, distance, rows.is_outlier, rows.is_mixed, jnp.zeros_like(rows.is_outlier), rows.part,
-        rows.station, 2 * float(cable.radius_mm), "scene", "scanner", cable, poses,
-        rows.sweep, shift, "scene",
-    )  # fmt: skip
+        xyz_mm=rows.xyz_mm,
+        signed_distance_mm=distance,
+        is_outlier=rows.is_outlier,
+        is_mixed=rows.is_mixed,
+        is_impulse=jnp.zeros_like(rows.is_outlier),
+        part=rows.part,
+        station=rows.station,
+        true_diameter_mm=2 * float(cable.radius_mm),
+        shape="scene",
+        preset="scanner",
+        surface=cable,
+        T_cable_station=poses,
+        sweep=rows.sweep,
+        shift_mm=shift,
+        finish="scene",
+    )
 
 
 def simulate_scan(

@@ -122,9 +122,14 @@ def sweep_beams(
     seen = (jnp.abs(jnp.arctan2(jnp.sin(off), jnp.cos(off))) <= 0.5 * arc) | (back.part >= Part.SADDLE)
     shift = numbers["registration_mm"] * gaussian(draws[2]).reshape(stations, 2, 3)
     return Returns(
-        back.xyz_mm + shift[plan.station, plan.sweep], back.valid & seen, back.is_mixed, plan.station, plan.sweep,
-        back.part, shift,
-    )  # fmt: skip
+        xyz_mm=back.xyz_mm + shift[plan.station, plan.sweep],
+        valid=back.valid & seen,
+        is_mixed=back.is_mixed,
+        station=plan.station,
+        sweep=plan.sweep,
+        part=back.part,
+        shift_mm=shift,
+    )
 
 
 def hang_in_air(cable: Cabling, key: PRNGKeyArray, *, count: int) -> Float[Array, "count 3"]:
@@ -187,11 +192,11 @@ def choose_rows(back: Returns, air: Float[Array, "n 3"], outliers: Int[Array, ""
     rank = jnp.cumsum(~outlier) - 1
     source = chosen[jnp.clip(rank, 0)]
     return Rows(
-        jnp.where(outlier[:, None], air, back.xyz_mm[source]),
-        outlier,
-        back.is_mixed[source] & ~outlier,
-        back.station[source],
-        back.sweep[source],
-        jnp.where(outlier, Part.AIR, back.part[source]),
-        ~outlier & (rank >= drawn),
+        xyz_mm=jnp.where(outlier[:, None], air, back.xyz_mm[source]),
+        is_outlier=outlier,
+        is_mixed=back.is_mixed[source] & ~outlier,
+        station=back.station[source],
+        sweep=back.sweep[source],
+        part=jnp.where(outlier, Part.AIR, back.part[source]),
+        is_padding=~outlier & (rank >= drawn),
     )

@@ -56,7 +56,16 @@ def _cable(entry: Any, where: str) -> Cable:
     numbers = (_number(entry[key], f"{where}, {key}") if key in entry else math.nan for key in NUMBERS)
     size, diameter, conductor, insulation, sheath = numbers
     name, voltage, source = (str(entry.get(key, "")) for key in TEXTS)
-    return Cable(name, size, voltage, diameter, conductor, insulation, sheath, source)
+    return Cable(
+        name=name,
+        size_mm2=size,
+        voltage_kv=voltage,
+        diameter_mm=diameter,
+        conductor_mm=conductor,
+        insulation_mm=insulation,
+        sheath_mm=sheath,
+        source=source,
+    )
 
 
 def _number(value: Any, where: str) -> float:

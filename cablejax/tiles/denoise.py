@@ -301,6 +301,13 @@ class _Run:
         count = max(1.0, sums[3])
         alpha = (self.folder.done("alpha") or 1.0) if smooth else None
         return TiledResult(
-            removal["points"], self.about["dropped"], removal["removed"], len(self.boxes),
-            self.halo, alpha, float(np.sqrt(sums[0] / count)), float(sums[1] / count), int(sums[2]),
-        )  # fmt: skip
+            points=removal["points"],
+            dropped=self.about["dropped"],
+            removed=removal["removed"],
+            tiles=len(self.boxes),
+            halo_mm=self.halo,
+            alpha=alpha,
+            moved_rms_mm=float(np.sqrt(sums[0] / count)),
+            width_mm=float(sums[1] / count),
+            cut=int(sums[2]),
+        )

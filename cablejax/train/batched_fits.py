@@ -128,5 +128,6 @@ def _record(
         learning_rate=float(rate),
         grad_norm=float(reports.grad_norm[member].mean(dtype=np.float64)),
         seconds=0.0,
+        losses=reports.loss[member].tolist(),
     )
     return record if validation is None else record.with_validation(engine.evaluate(state, validation))

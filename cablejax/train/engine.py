@@ -132,6 +132,7 @@ class Engine:
             ),
             grad_norm=float(norm.mean(dtype=np.float64)),
             seconds=seconds,
+            losses=loss.tolist(),
         )
         return state, record
 

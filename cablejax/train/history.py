@@ -22,6 +22,7 @@ class EpochRecord:
         seconds: Training time of the epoch; compilation and validation not counted.
         validation_rmse_mm: Of a regression head, see `DiameterMetrics`; None without.
         validation_coverage: Likewise.
+        losses: Of every batch of the epoch, in order, each before its update; a list, as JSON gives it back.
     """
 
     epoch: int
@@ -35,6 +36,7 @@ class EpochRecord:
     seconds: float
     validation_rmse_mm: float | None = None
     validation_coverage: float | None = None
+    losses: list[float] = dataclasses.field(default_factory=list)
 
     def with_validation(self, metrics: Metrics) -> "EpochRecord":
         """The record with an evaluation's figures."""

@@ -1,7 +1,9 @@
 """A run's folder: what is needed to go on after a kill as if nothing had happened."""
 
+import csv
 import dataclasses
 import hashlib
+import io
 import json
 import os
 from pathlib import Path
@@ -9,9 +11,12 @@ from typing import Any
 
 import numpy as np
 
+from cablejax.io.atomic import atomic_write
 from cablejax.io.checkpoints import restore_checkpoint, save_checkpoint
 from cablejax.train.config import TrainConfig
 from cablejax.train.metrics import Clouds, arrays_of
+
+CURVES = "curves.csv"
 
 
 def data_checksum(*splits: Clouds | None, also: str | None = None) -> str:
@@ -23,6 +28,17 @@ def data_checksum(*splits: Clouds | None, also: str | None = None) -> str:
             digest.update(f"{host.dtype.str}{host.shape}".encode())
             digest.update(host.data)
     return digest.hexdigest()
+
+
+def write_curves(path: Path, history: list[dict[str, Any]]) -> None:
+    """A history as CSV: a row an epoch, a column for each of its numbers, empty where there is none."""
+    names = [name for name, value in history[0].items() if not isinstance(value, list)]
+    text = io.StringIO(newline="")
+    table = csv.DictWriter(text, names, extrasaction="ignore")
+    table.writeheader()
+    table.writerows(history)
+    with atomic_write(path) as file:
+        file.write(text.getvalue().encode())
 
 
 class RunFolder:
@@ -55,8 +71,9 @@ class RunFolder:
         return found.tree, found.meta["history"]
 
     def save(self, epoch: int, tree: Any, history: list[dict[str, Any]]) -> None:
-        """Write the state after `epoch` epochs, atomically."""
+        """Write the state after `epoch` epochs, atomically, and the history so far as `curves.csv`."""
         save_checkpoint(self.folder / "checkpoints", epoch, tree, meta={**self.identity, "history": history}, keep=2)
+        write_curves(self.folder / CURVES, history)
 
     def save_diverged(self, step: int, tree: Any, meta: dict[str, Any]) -> Path:
         """Write a state that holds NaN, to be looked at, beside the good ones."""

@@ -28,6 +28,16 @@ NAMES = {
     "alexnet": "AlexNet",
     "vgg16": "VGG-16",
     "resnet50": "ResNet50",
+    "full": "Whole network",
+    "no_attention": "without attention",
+    "no_enhancement": "without enhancement",
+    "no_fusion": "without fusion",
+    "no_raster": "without enhancement and fusion",
+    "fresh": "6,656 clouds, none twice",
+    "pool1": "416 clouds, 16 times",
+    "pool2": "832 clouds, 8 times",
+    "pool4": "1,664 clouds, 4 times",
+    "pool8": "3,328 clouds, twice",
 }
 
 
@@ -87,6 +97,11 @@ class Results:
     def target(self) -> float:
         """Of a part of the study: the validation accuracy whose first epoch is counted."""
         return self._raw["target"]
+
+    @property
+    def own(self) -> str:
+        """Of a part of the study: the arm that the others are compared with."""
+        return self._raw["own"]
 
     @property
     def updates_per_epoch(self) -> int:

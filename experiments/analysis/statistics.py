@@ -73,3 +73,18 @@ def fluctuation(loss: Sequence[float]) -> float:
     curve = np.asarray(loss, dtype=np.float64)
     rough = curve[1:-1] - (curve[:-2] + curve[1:-1] + curve[2:]) / 3
     return float(np.sqrt(np.mean(np.square(rough[len(rough) // 2 :]))))
+
+
+def fluctuation_of_updates(losses: Sequence[float], per_epoch: int) -> float:
+    """Root mean square of single updates' losses about their running mean over an epoch's updates, behind the first epoch.
+
+    Example:
+        >>> fluctuation_of_updates([9.0, 9.0, 1.0, 2.0, 3.0, 4.0], 2)  # a steady slope: half a step on either side
+        0.5
+    """
+    kept = np.asarray(losses[per_epoch:], float)
+    if len(kept) <= per_epoch:
+        return float("nan")
+    mean = np.convolve(kept, np.ones(per_epoch) / per_epoch, mode="valid")
+    start = (per_epoch - 1) // 2
+    return float(np.sqrt(np.mean((kept[start : start + len(mean)] - mean) ** 2)))

@@ -20,8 +20,14 @@ from experiments.analysis.results import Results
 from experiments.material.study_plan import FINAL, PAPER_WAY, SEARCH
 
 FAILURE = 0.5  # test accuracy below which a run has failed
-OWN = "adadelta"
+OWN = "adadelta"  # of the parts on optimizers
 PAPERS = ("sgd", "mbgd", "adagrad", "rmsprop")  # the paper's other optimizers
+# Whom the claim of a part is about.
+RIVALS = {
+    **dict.fromkeys(("study_standard_nofit", "study_standard_fit", "study_hard_nofit", "study_modelnet10"), PAPERS),
+    "study_networks": ("alexnet", "vgg16", "resnet50"),
+    "study_ablation": ("no_attention", "no_enhancement", "no_fusion"),
+}
 FULL_SET = "sgd"
 
 
@@ -58,6 +64,11 @@ def arms(results: Results) -> list[str]:
     return list(dict.fromkeys(row["arm"] for row in results.runs if row["stage"] == FINAL))
 
 
+def own_arm(results: Results) -> str:
+    """The arm that the others are compared with."""
+    return results.own
+
+
 def updates_to_target(results: Results, arm: str) -> list[float]:
     """Updates until validation first reached the target, by seed; infinite where it never did."""
     each = 1 if arm == FULL_SET else results.updates_per_epoch
@@ -89,12 +100,12 @@ def summary(results: Results, arm: str) -> Arm:
 
 
 def comparisons(results: Results) -> dict[str, Comparison]:
-    """Adadelta's test accuracy minus that of each other tuned arm, paired by seed; empty without Adadelta.
+    """Test accuracy of a part's own arm minus that of each other tuned arm, paired by seed; empty without its own.
 
-    Holm-adjusted in two families: the paper's four others, which its claim is about, and those that came after.
+    Of optimizers Holm-adjusted in two families: the paper's four others, which its claim is about, and those that came after.
     """
     found = {arm: [row["test_overall"] for row in final_rows(results, arm)] for arm in arms(results)}
-    own = found.pop(OWN, None)
+    own = found.pop(own_arm(results), None)
     found.pop(PAPER_WAY, None)
     return {} if own is None else _by_family(own, found)
 
@@ -105,9 +116,9 @@ def _by_family(own: list[float], others: dict[str, list[float]]) -> dict[str, Co
 
 
 def speed(results: Results) -> dict[str, Comparison]:
-    """log2 of the updates that each other arm takes over those of Adadelta; a run that never got there took twice the budget."""
+    """log2 of the updates that each other arm takes over a part's own; a run that never got there took twice the budget."""
     found = {arm: _log_updates(results, arm) for arm in arms(results) if arm != PAPER_WAY}
-    own = found.pop(OWN, None)
+    own = found.pop(own_arm(results), None)
     if own is None:
         return {}
     return _by_family([-value for value in own], {arm: [-value for value in each] for arm, each in found.items()})
@@ -119,9 +130,10 @@ def _log_updates(results: Results, arm: str) -> list[float]:
 
 
 def verdict(results: Results) -> tuple[str, dict[str, Comparison]]:
-    """Whether Adadelta, tuned, is ahead of the paper's four others, and the comparisons that say so."""
-    against = {arm: each for arm, each in comparisons(results).items() if arm in PAPERS}
-    if len(against) < len(PAPERS):
+    """Whether a part's own arm is ahead of those that the paper's claim is about, and the comparisons that say so."""
+    rivals = RIVALS[results.experiment]
+    against = {arm: each for arm, each in comparisons(results).items() if arm in rivals}
+    if len(against) < len(rivals):
         return rules.CANNOT_BE, against
     return rules.verdict(against.values()), against
 

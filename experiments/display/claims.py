@@ -168,9 +168,10 @@ def best_optimizer(found: Found) -> Verdict:
     )
 
 
-def best_optimizer_fresh(found: Found) -> Verdict:
+def by_the_study(found: Found) -> Verdict:
     """By the study's rules, see docs/study.md."""
-    return Verdict(*study_tables.claim(found["study_standard_nofit"]))
+    (results,) = found.values()
+    return Verdict(*study_tables.claim(results))
 
 
 def loss_falls(found: Found) -> Verdict:
@@ -272,18 +273,31 @@ CLAIMS: tuple[tuple[tuple[str, ...], Callable[[Found], Verdict]], ...] = (
     (NETWORKS, smoothest_network),
     (("fig13_optimizers",), loss_falls),
     (("optimizer_study",), best_optimizer),
-    (("study_standard_nofit",), best_optimizer_fresh),
+    *(((name,), by_the_study) for name in study_tables.CLAIMS),
     (("fig13_transfer",), transfer_learning),
     (("standard_adgcnn",), final_accuracy),
 )
 
 
+SUPERSEDED: dict[Callable[[Found], Verdict], str] = {
+    best_optimizer: "study_standard_nofit",
+    best_network: "study_networks",
+    parts_help: "study_ablation",
+}
+
+
+def _decided(folder: Path) -> set[str]:
+    """Parts of the study whose final runs are complete enough for their verdict."""
+    found = {name: Results.read(folder, name) for name in study_tables.CLAIMS}
+    return {name for name, each in found.items() if each is not None and study_tables.claim(each)[2] != CANNOT}
+
+
 def verdict_table(folder: Path) -> Table | None:
     """Every claim whose results are all in the folder, with its verdict; None where there is none."""
-    rows = []
+    rows, decided = [], _decided(folder)
     for names, judge in CLAIMS:
-        # The study's verdict takes the place of the first one's, of fixed clouds and three seeds.
-        if judge is best_optimizer and Results.read(folder, "study_standard_nofit") is not None:
+        # The study's verdict takes the place of that of the older runs, of fixed clouds and three seeds at most.
+        if SUPERSEDED.get(judge) in decided or (judge is by_the_study and names[0] not in decided):
             continue
         found = {name: results for name in names if (results := Results.read(folder, name)) is not None}
         if len(found) == len(names):

@@ -18,6 +18,7 @@ from experiments.harness.sources import combined, present
 
 ORIGINS = "origins.json"
 COLUMNS = ("train_loss", "validation_loss", "validation_overall", "seconds")
+FIRST = 2
 LEFT_OUT = ("history", "test_confusion", "labels_mm2", "classes")
 # Keys younger than the first runs, with the value that stands for what was done before there was the key.
 ADDED = {"dataset": {"pool": None}}
@@ -61,10 +62,23 @@ def append(path: Path, line: Line) -> None:
         file.write(json.dumps(line, separators=(",", ":")) + "\n")
 
 
-def compact(metrics: dict[str, Any]) -> dict[str, Any]:
-    """Metrics as a line keeps them: numbers of five digits, the history by column, no confusions."""
+def compact(metrics: dict[str, Any], *, losses: bool = False) -> dict[str, Any]:
+    """Metrics as a line keeps them: numbers of five digits, the history by column, no confusions.
+
+    Args:
+        metrics: Of `experiments.train` or `experiments.pretrain`.
+        losses: Whether the loss of every update is kept, of four digits.
+    """
     kept = {key: _rounded(value) for key, value in metrics.items() if key not in LEFT_OUT}
-    return kept | {"history": {key: [_rounded(epoch[key]) for epoch in metrics["history"]] for key in COLUMNS}}
+    history = {key: [_rounded(epoch[key]) for epoch in metrics["history"]] for key in COLUMNS}
+    if losses:
+        kept["losses"] = [float(f"{loss:.4g}") for epoch in metrics["history"] for loss in epoch["losses"]]
+    return kept | {"history": history, "first_losses": first_losses(metrics["history"])}
+
+
+def first_losses(history: list[dict[str, Any]]) -> list[float]:
+    """Losses of the first updates, of eight digits: what two versions of the sources are compared by."""
+    return [float(f"{loss:.8g}") for loss in history[0]["losses"][:FIRST]] if history else []
 
 
 def expanded(kept: dict[str, Any]) -> dict[str, Any]:

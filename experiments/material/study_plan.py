@@ -43,6 +43,11 @@ def optimizers(*names: str) -> dict[str, Arm]:
     return arms
 
 
+def adadelta(**own: tuple[str, ...]) -> dict[str, Arm]:
+    """Arms that differ in something else, each at its own best rate of Adadelta."""
+    return {name: Arm(("rates=trial", "optimizer=adadelta", *overrides)) for name, overrides in own.items()}
+
+
 @dataclass(frozen=True)
 class Part:
     """One workload with one arm of the answer in the input.
@@ -51,7 +56,7 @@ class Part:
         overrides: What sets it apart from conf/experiment/study.yaml.
         target: Validation accuracy whose first epoch is counted.
         minutes: Of a run at size=quick on one core, for the dry run where none is done yet.
-        arms: By name.
+        arms: By name; the others are compared with the first one.
         module: What trains.
         trials: Of the search stage.
         confirm: Seeds of the confirm stage.
@@ -74,6 +79,7 @@ class Part:
                                "cablejax.ops.filters", "cablejax.ops.outliers", "cablejax.train.transfer")  # fmt: skip
 
 
+IMAGES = ("+model.options.size=[64,256]", "+model.options.extent_mm=256")
 NO_FIT = ("dataset=standard", "variant=pose_none")
 PARTS = {
     "standard_nofit": Part(NO_FIT, 0.95, 2.0, optimizers(*OPTIMIZERS)),
@@ -93,6 +99,40 @@ PARTS = {
     # As many updates as the others take, each with the gradient of the whole epoch's clouds.
     "gradient_descent": Part(
         NO_FIT, 0.95, 30.0, optimizers("sgd"), trials=4, confirm=(), final=(10, 11, 12), epochs=17 * EPOCHS
+    ),
+    # Each part of the network removed.
+    "ablation": Part(
+        NO_FIT,
+        0.95,
+        1.6,
+        adadelta(
+            full=(),
+            no_attention=("model.options.attention=false",),
+            no_enhancement=("model.options.enhancement=false",),
+            no_fusion=("model.options.fusion=false",),
+            no_raster=("model.options.enhancement=false", "model.options.fusion=false"),
+        ),
+    ),
+    # As many updates on fewer clouds, over and over: 416, 832, 1,664, 3,328 and 6,656, of which the last is never repeated.
+    "clouds": Part(
+        NO_FIT,
+        0.95,
+        1.8,
+        adadelta(fresh=(), **{f"pool{pool}": (f"dataset.pool={pool}",) for pool in (1, 2, 4, 8)}),
+        confirm=(),
+    ),
+    # Figures 5-12. Images of the whole cable at 1 mm a pixel, of 1,024 points; ADGCNN has the same points and no fit.
+    "networks": Part(
+        ("dataset=standard", "dataset.n_points=1024"),
+        0.95,
+        30.0,
+        adadelta(
+            adgcnn=("model=adgcnn", "+model.options.pose=none"),
+            **{name: (f"model={name}", *IMAGES) for name in ("alexnet", "vgg16", "resnet50")},
+        ),
+        confirm=(),
+        final=tuple(range(10, 17)),
+        unused=(),
     ),
 }
 

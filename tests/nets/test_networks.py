@@ -161,6 +161,26 @@ def test_depth_image_keeps_the_nearest_point_and_metric_size():
     np.testing.assert_allclose(image, expected, atol=1e-6)
 
 
+def test_a_wide_image_has_the_pixels_of_a_square_one():
+    """Of 20 columns and 10 rows over 100 mm: pixels of 5 mm, depths told apart over 50 mm, as 10 x 10 over 50 mm."""
+    xyz = jnp.array([[0.0, 0.0, 5.0], [20.0, -20.0, 0.0], [-48.0, 0.0, -5.0], [0.0, 26.0, 0.0]])
+    wide = depth_image(xyz, jnp.ones(4, bool), size=(10, 20), extent_mm=100.0)
+    np.testing.assert_allclose(wide[:, 5:15], depth_image(xyz, jnp.ones(4, bool), size=10, extent_mm=50.0), atol=1e-6)
+    assert wide[5, 0] == pytest.approx(0.6)  # beyond the square, and in sight
+    assert np.count_nonzero(wide) == 3
+    with pytest.raises(ValueError, match=r"size: expected at least 1, or rows and columns of at least 1, got \(4, 0\)"):
+        depth_image(xyz, jnp.ones(4, bool), size=(4, 0), extent_mm=100.0)
+
+
+@pytest.mark.parametrize("name", ["alexnet", "vgg16", "resnet50"])
+def test_image_networks_take_wide_images(name: str):
+    """Shapes alone: nothing is computed."""
+    model = nnx.eval_shape(lambda: build_model(name, CLASSES, rngs=nnx.Rngs(0), size=(64, 256), extent_mm=256.0))
+    model.eval()
+    logits = jax.eval_shape(lambda model, *inputs: model(*inputs), model, *clouds())
+    assert logits.shape == (B, CLASSES)
+
+
 def test_batch_norm_equals_numpy_and_skips_rows_of_weight_zero():
     rng = np.random.default_rng(0)
     x, weight = rng.normal(1e3, 1.0, (6, 5, 3)), rng.random((6, 5)) < 0.7

@@ -1,5 +1,6 @@
 """The loop: learns, resumes bit for bit after SIGKILL, stops at NaN, gradient descent on the whole set."""
 
+import csv
 import os
 import signal
 import subprocess
@@ -34,6 +35,23 @@ def test_learns_and_leaves_the_given_model_alone():
     metrics = evaluate(result.model, split(seed=1), batch_size=5)
     assert metrics.overall == pytest.approx(result.history[-1].validation_overall)
     assert metrics.loss == pytest.approx(result.history[-1].validation_loss, rel=1e-5)
+
+
+def test_curves_as_csv(tmp_path):
+    """Every epoch is a row; without validation its columns are empty."""
+    fit(Tiny(nnx.Rngs(0)), split(), split(seed=1), settings(epochs=2), folder=tmp_path / "a", progress=False)
+    result = fit(Tiny(nnx.Rngs(0)), split(), None, settings(epochs=3), folder=tmp_path / "b", progress=False)
+    with (tmp_path / "a" / "curves.csv").open(newline="") as file:
+        assert [(row["epoch"], row["validation_overall"] != "") for row in csv.DictReader(file)] == [
+            ("1", True),
+            ("2", True),
+        ]
+    with (tmp_path / "b" / "curves.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [float(row["train_loss"]) for row in rows] == [epoch.train_loss for epoch in result.history]
+    assert {row["validation_loss"] for row in rows} == {""}
+    assert all(len(epoch.losses) == 3 for epoch in result.history)  # 24 clouds in batches of 8
+    assert "losses" not in rows[0]
 
 
 def test_running_statistics_move():

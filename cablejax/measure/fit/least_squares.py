@@ -316,13 +316,13 @@ def _finished(design: _Design, axis: Axis, radius: float, shifts: np.ndarray | N
     patches = np.bincount(slab * int(360 / SECTOR_DEG + 1) + sector, weights=pull)
     place = Place(design.place.s, distance * cos, distance * sin)
     return CableFit(
-        axis,
-        radius,
-        max(scale, spread),
-        float(np.linalg.norm(pull)),
-        float(np.linalg.norm(patches)),
-        place,
-        residual,
-        weight,
-        influence,
+        axis=axis,
+        radius_mm=radius,
+        noise_mm=max(scale, spread),
+        random_mm=float(np.linalg.norm(pull)),
+        clustered_mm=float(np.linalg.norm(patches)),
+        place=place,
+        residual_mm=residual,
+        weight=weight,
+        influence=influence,
     )

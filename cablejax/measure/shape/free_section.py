@@ -89,5 +89,12 @@ def _sizes(turn: np.ndarray, radius: np.ndarray, std: np.ndarray, diameter_std: 
     widest = int(np.argmax(width))
     square = (float(width[widest]), float(width[(widest + 45) % 90]))
     return FreeSection(
-        np.degrees(turn), radius, std, perimeter / np.pi, diameter_std, float(width.min()), float(width.max()), square
+        angle_deg=np.degrees(turn),
+        radius_mm=radius,
+        std_mm=std,
+        diameter_mm=perimeter / np.pi,
+        diameter_std_mm=diameter_std,
+        minimum_mm=float(width.min()),
+        maximum_mm=float(width.max()),
+        square_mm=square,
     )

@@ -106,14 +106,14 @@ def cut(fit: CableFit, *, step_mm: float) -> Sections:
     amplitude = np.sqrt(np.maximum(shaped[:, 3] ** 2 + shaped[:, 4] ** 2 - noise, 0.0))
     mean = 2 * (fit.radius_mm + shaped[:, 0])
     return Sections(
-        s.min() + (np.arange(count) + 0.5) * width,
-        2 * (fit.radius_mm + change[:, 0]),
-        2 * np.sqrt(covariance[:, 0, 0]),
-        arc,
-        points,
-        mean - 2 * amplitude,
-        mean + 2 * amplitude,
-        4 * np.sqrt(np.maximum(doubt[:, 3, 3], doubt[:, 4, 4])),
+        s_mm=s.min() + (np.arange(count) + 0.5) * width,
+        diameter_mm=2 * (fit.radius_mm + change[:, 0]),
+        std_mm=2 * np.sqrt(covariance[:, 0, 0]),
+        arc_deg=arc,
+        points=points,
+        minimum_mm=mean - 2 * amplitude,
+        maximum_mm=mean + 2 * amplitude,
+        oval_std_mm=4 * np.sqrt(np.maximum(doubt[:, 3, 3], doubt[:, 4, 4])),
     )
 
 

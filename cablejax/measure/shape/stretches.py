@@ -75,7 +75,9 @@ def stretches_of(
         first, last, own = _line(s[part], d[part], std[part], ends, taper=taper)
         middle = 0.5 * (first + last) / float(np.median(d))
         kind, whole = "tapering" if taper else "constant", float(np.hypot(own, common_std_mm * middle))
-        out.append(Stretch(kind, float(ends[0]), float(ends[1]), first, last, whole))
+        out.append(
+            Stretch(kind=kind, from_mm=float(ends[0]), to_mm=float(ends[1]), first_mm=first, last_mm=last, std_mm=whole)
+        )
     return tuple(out)
 
 
@@ -145,7 +147,16 @@ def within(stretches: tuple[Stretch, ...], low: float, high: float) -> tuple[Str
         if ends[1] - ends[0] > 0.1 * (high - low):
             first, last = np.interp(ends, [one.from_mm, one.to_mm], [one.first_mm, one.last_mm])
             ends = [float(end) for end in ends]
-            out.append(Stretch(one.kind, ends[0], ends[1], float(first), float(last), one.std_mm))
+            out.append(
+                Stretch(
+                    kind=one.kind,
+                    from_mm=ends[0],
+                    to_mm=ends[1],
+                    first_mm=float(first),
+                    last_mm=float(last),
+                    std_mm=one.std_mm,
+                )
+            )
     return tuple(out)
 
 

@@ -68,7 +68,13 @@ def section_sizes(angle_deg: Float[np.ndarray, " a"], radius_mm: Float[np.ndarra
     across = _about(points, centre, turn)
     across = across + np.roll(across, n // 2)
     return SectionSizes(
-        2 * gaussian, low + high, 2 * inside, 2 * around, high - low, float(across.min()), float(across.max())
+        least_squares_mm=2 * gaussian,
+        minimum_zone_mm=low + high,
+        maximum_inscribed_mm=2 * inside,
+        minimum_circumscribed_mm=2 * around,
+        roundness_mm=high - low,
+        two_point_minimum_mm=float(across.min()),
+        two_point_maximum_mm=float(across.max()),
     )
 
 

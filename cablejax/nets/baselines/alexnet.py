@@ -5,21 +5,21 @@ import jax.numpy as jnp
 from flax import nnx
 from jaxtyping import Array, Bool, Float
 
-from cablejax.nets.depth import render
+from cablejax.nets.depth import Size, render, sides
 from cablejax.nets.init import he_normal, lecun_normal
 
 
 class AlexNet(nnx.Module):
     """The published layer table, both halves of the two-GPU network as two groups.
 
-    Departures: one input channel (depth) instead of three; the image is `size` pixels square, and the first fully
+    Departures: one input channel (depth) instead of three; the image is of `size` pixels, and the first fully
     connected layer takes as many inputs as that leaves (9,216 at 224); weights start at He's variance, not at 0.01;
     C outputs. At 224 pixels, three channels and 1,000 classes it has the published 60,965,224 parameters.
 
     Args:
         num_classes: C.
-        size: Pixels of the image's side, at least 63.
-        extent_mm: Side of the square that the image shows.
+        size: Pixels of the image's side, or rows and columns, at least 63 each.
+        extent_mm: Width of what the image shows, see `depth_image`.
         in_channels: Channels of the image.
         dropout: Rate before the first two fully connected layers.
     """
@@ -28,15 +28,16 @@ class AlexNet(nnx.Module):
         self,
         num_classes: int,
         *,
-        size: int = 64,
+        size: Size = 64,
         extent_mm: float = 128.0,
         in_channels: int = 1,
         dropout: float = 0.5,
         rngs: nnx.Rngs,
     ):
-        if size < 63:
+        rows, columns = sides(size)
+        if min(rows, columns) < 63:
             raise ValueError(f"size: AlexNet's strides need at least 63 pixels, got {size}")
-        self.size, self.extent_mm = size, extent_mm
+        self.size, self.extent_mm = (rows, columns), extent_mm
 
         def conv(c: int, d: int, side: int, *, groups: int = 1, stride: int = 1, padding: int) -> nnx.Conv:
             return nnx.Conv(
@@ -55,10 +56,10 @@ class AlexNet(nnx.Module):
         self.conv3 = conv(256, 384, 3, padding=1)
         self.conv4 = conv(384, 384, 3, groups=2, padding=1)
         self.conv5 = conv(384, 256, 3, groups=2, padding=1)
-        side = (size + 4 - 11) // 4 + 1
+        left = [(side + 4 - 11) // 4 + 1 for side in (rows, columns)]
         for _ in range(3):
-            side = (side - 3) // 2 + 1
-        self.fc6 = nnx.Linear(256 * side * side, 4096, kernel_init=he_normal, rngs=rngs)
+            left = [(side - 3) // 2 + 1 for side in left]
+        self.fc6 = nnx.Linear(256 * left[0] * left[1], 4096, kernel_init=he_normal, rngs=rngs)
         self.fc7 = nnx.Linear(4096, 4096, kernel_init=he_normal, rngs=rngs)
         self.fc8 = nnx.Linear(4096, num_classes, kernel_init=lecun_normal, rngs=rngs)
         self.dropout = nnx.Dropout(dropout, rngs=rngs)
@@ -68,7 +69,7 @@ class AlexNet(nnx.Module):
         return self.from_image(render(xyz, mask, size=self.size, extent_mm=self.extent_mm))
 
     def from_image(self, image: Float[Array, "b h w c"]) -> Float[Array, "b classes"]:
-        """Logits of images `[b, size, size, in_channels]`."""
+        """Logits of images `[b, rows, columns, in_channels]`."""
         x = max_pool(local_response_norm(jax.nn.relu(self.conv1(image))))
         x = max_pool(local_response_norm(jax.nn.relu(self.conv2(x))))
         x = jax.nn.relu(self.conv4(jax.nn.relu(self.conv3(x))))

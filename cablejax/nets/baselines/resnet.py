@@ -5,7 +5,7 @@ import jax.numpy as jnp
 from flax import nnx
 from jaxtyping import Array, Bool, Float
 
-from cablejax.nets.depth import render
+from cablejax.nets.depth import Size, render, sides
 from cablejax.nets.init import he_normal, lecun_normal
 from cablejax.nets.norm import BatchNorm
 
@@ -49,23 +49,24 @@ class Bottleneck(nnx.Module):
 class ResNet50(nnx.Module):
     """A 7x7 convolution, sixteen bottlenecks in four stages, global mean, one fully connected layer.
 
-    Departures: one input channel (depth) instead of three; the image is `size` pixels square (only the global mean sees
+    Departures: one input channel (depth) instead of three; the image is of `size` pixels (only the global mean sees
     it); a stage's stride is on the 3x3 convolution, as in today's libraries ("v1.5"), not on the first 1x1; C outputs. At
     three channels and 1,000 classes it has the usual 25,557,032 parameters.
 
     Args:
         num_classes: C.
-        size: Pixels of the image's side, at least 32.
-        extent_mm: Side of the square that the image shows.
+        size: Pixels of the image's side, or rows and columns, at least 32 each.
+        extent_mm: Width of what the image shows, see `depth_image`.
         in_channels: Channels of the image.
     """
 
     def __init__(
-        self, num_classes: int, *, size: int = 64, extent_mm: float = 128.0, in_channels: int = 1, rngs: nnx.Rngs
+        self, num_classes: int, *, size: Size = 64, extent_mm: float = 128.0, in_channels: int = 1, rngs: nnx.Rngs
     ):
-        if size < 32:
+        rows, columns = sides(size)
+        if min(rows, columns) < 32:
             raise ValueError(f"size: ResNet50's five halvings need at least 32 pixels, got {size}")
-        self.size, self.extent_mm = size, extent_mm
+        self.size, self.extent_mm = (rows, columns), extent_mm
         self.stem = nnx.Conv(
             in_channels, 64, (7, 7), strides=2, padding=3, use_bias=False, kernel_init=he_normal, rngs=rngs
         )
@@ -84,7 +85,7 @@ class ResNet50(nnx.Module):
         return self.from_image(render(xyz, mask, size=self.size, extent_mm=self.extent_mm))
 
     def from_image(self, image: Float[Array, "b h w c"]) -> Float[Array, "b classes"]:
-        """Logits of images `[b, size, size, in_channels]`."""
+        """Logits of images `[b, rows, columns, in_channels]`."""
         x = jax.nn.relu(self.norm(self.stem(image)))
         x = nnx.max_pool(jnp.pad(x, ((0, 0), (1, 1), (1, 1), (0, 0))), (3, 3), strides=(2, 2))  # x >= 0: zeros lose
         for block in self.blocks:

@@ -4,7 +4,7 @@ import jax
 from flax import nnx
 from jaxtyping import Array, Bool, Float
 
-from cablejax.nets.depth import render
+from cablejax.nets.depth import Size, render, sides
 from cablejax.nets.init import he_normal, lecun_normal
 
 BLOCKS = ((64, 64), (128, 128), (256, 256, 256), (512, 512, 512), (512, 512, 512))
@@ -13,15 +13,15 @@ BLOCKS = ((64, 64), (128, 128), (256, 256, 256), (512, 512, 512), (512, 512, 512
 class VGG16(nnx.Module):
     """Thirteen 3x3 convolutions in five blocks, three fully connected layers; no batch normalisation, as published.
 
-    Departures: one input channel (depth) instead of three; the image is `size` pixels square, and the first fully
+    Departures: one input channel (depth) instead of three; the image is of `size` pixels, and the first fully
     connected layer takes as many inputs as that leaves (25,088 at 224); all weights start at He's variance, where the
     publication started deep nets from trained shallow ones; C outputs. At 224 pixels, three channels and 1,000 classes
     it has the published 138,357,544 parameters.
 
     Args:
         num_classes: C.
-        size: Pixels of the image's side, at least 32.
-        extent_mm: Side of the square that the image shows.
+        size: Pixels of the image's side, or rows and columns, at least 32 each.
+        extent_mm: Width of what the image shows, see `depth_image`.
         in_channels: Channels of the image.
         dropout: Rate after the first two fully connected layers.
     """
@@ -30,15 +30,16 @@ class VGG16(nnx.Module):
         self,
         num_classes: int,
         *,
-        size: int = 64,
+        size: Size = 64,
         extent_mm: float = 128.0,
         in_channels: int = 1,
         dropout: float = 0.5,
         rngs: nnx.Rngs,
     ):
-        if size < 32:
+        rows, columns = sides(size)
+        if min(rows, columns) < 32:
             raise ValueError(f"size: VGG-16's five halvings need at least 32 pixels, got {size}")
-        self.size, self.extent_mm = size, extent_mm
+        self.size, self.extent_mm = (rows, columns), extent_mm
         blocks, channels = [], in_channels
         for widths in BLOCKS:
             convs = []
@@ -47,8 +48,7 @@ class VGG16(nnx.Module):
                 channels = width
             blocks.append(nnx.List(convs))
         self.blocks = nnx.List(blocks)
-        side = size // 32
-        self.fc6 = nnx.Linear(512 * side * side, 4096, kernel_init=he_normal, rngs=rngs)
+        self.fc6 = nnx.Linear(512 * (rows // 32) * (columns // 32), 4096, kernel_init=he_normal, rngs=rngs)
         self.fc7 = nnx.Linear(4096, 4096, kernel_init=he_normal, rngs=rngs)
         self.fc8 = nnx.Linear(4096, num_classes, kernel_init=lecun_normal, rngs=rngs)
         self.dropout = nnx.Dropout(dropout, rngs=rngs)
@@ -58,7 +58,7 @@ class VGG16(nnx.Module):
         return self.from_image(render(xyz, mask, size=self.size, extent_mm=self.extent_mm))
 
     def from_image(self, image: Float[Array, "b h w c"]) -> Float[Array, "b classes"]:
-        """Logits of images `[b, size, size, in_channels]`."""
+        """Logits of images `[b, rows, columns, in_channels]`."""
         x = image
         for block in self.blocks:
             for conv in block:

@@ -7,7 +7,7 @@ import numpy as np
 
 from cablejax.report import line_styles
 from experiments.analysis.results import NAMES, Results
-from experiments.analysis.study_summary import arms, best_of_trials, final_rows, profile
+from experiments.analysis.study_summary import OWN, arms, best_of_trials, final_rows, own_arm, profile
 from experiments.display.drawing import Drawing, new_figure
 from experiments.display.optimizers.study_tables import TITLES
 
@@ -41,8 +41,8 @@ def curves(results: Results) -> Drawing | None:
     return Drawing(
         results.experiment,
         figure,
-        f"Validation accuracy of every optimizer against epochs, and of the best of n tuning trials, {title}.",
-        f"The study, {title}: what an optimizer reaches once tuned, and how many trials of tuning that takes.",
+        f"Validation accuracy of every arm against epochs, and of the best of n tuning trials, {title}.",
+        f"The study, {title}: what each reaches once tuned, and how many trials of tuning that takes.",
     )
 
 
@@ -64,7 +64,7 @@ def _middle(runs: list[list[float]]) -> tuple[np.ndarray, np.ndarray]:
 
 def profiles(found: dict[str, Results]) -> Drawing | None:
     """Performance profiles over the parts that are complete."""
-    complete = {name: each for name, each in found.items() if arms(each) and name != "study_gradient_descent"}
+    complete = {name: each for name, each in found.items() if arms(each) and own_arm(each) == OWN}
     shares = profile(complete, FACTORS) if len(complete) > 1 else {}
     if not shares:
         return None

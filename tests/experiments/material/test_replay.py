@@ -29,13 +29,13 @@ def test_no_committed_run_is_stale(part: str):
 
 
 class Training:
-    """Made-up training whose first epoch ends at a loss that can be changed."""
+    """Made-up training whose second update has a loss that can be changed."""
 
     loss = LOSS
 
     def measured(self, cfg: Config) -> dict[str, Any]:
         assert (cfg.training.give_up_epoch, cfg.training.give_up_loss) == (1, float("-inf"))
-        return {"history": [{"train_loss": self.loss, "validation_loss": self.loss}]}
+        return {"history": [{"losses": [LOSS, self.loss, 9.0]}]}
 
 
 @pytest.fixture
@@ -50,7 +50,7 @@ def line(log: Path, sources: dict[str, str], trial: int) -> run_log.Line:
     job = Job(SEARCH, "adam", trial, 0)
     history = {key: [LOSS, 1.0] for key in run_log.COLUMNS}
     return {**job._asdict(), "size": "smoke", "config": run_log.config_digest(config_of(PART, job, size="smoke")),
-            "metrics": {"validation_overall": 0.5 + trial, "history": history},
+            "metrics": {"validation_overall": 0.5 + trial, "history": history, "first_losses": [LOSS, LOSS]},
             "origin": run_log.register(log, {"sources": sources})}  # fmt: skip
 
 
@@ -60,7 +60,7 @@ def test_sources_that_agree_are_accepted_and_others_named(training: Training, tm
     told: list[str] = []
     for trial in (0, 1):
         run_log.append(tmp_path / f"{PART}.jsonl", line(tmp_path, OLD, trial))
-    training.loss = LOSS * (1 + share * replay.TOLERANCE["train_loss"])
+    training.loss = LOSS * (1 + share * replay.TOLERANCE[1])
     assert replay.verify_part(PART, tmp_path, told.append) == same
     rows = run_log.lines(tmp_path / f"{PART}.jsonl")
     assert run_log.stale(tmp_path, rows, NEW) == ([] if same else rows)
