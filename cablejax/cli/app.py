@@ -92,9 +92,11 @@ def _tell_where(options: argparse.Namespace, url: str) -> None:
         tell(
             f"cablejax: warning: whoever in the network has this address sees the scans and can upload files: {options.host}"
         )
-    if not options.json:
+    if options.json:
+        tell(url)  # standard output is for the JSON at the end
+    else:
         put_out(url)
-    say(options, f"the page is at {url}; Ctrl-C ends it")
+    say(options, "Ctrl-C ends it")
     if options.browser:
         webbrowser.open(url)
 

@@ -1,11 +1,12 @@
 """How a cloud is cut into tiles: boxes that hold no more points, halo included, than one tile may."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 
-CELLS = 1 << 21  # at most, in all: a long cable has many along it and few across
+CELLS = 1 << 23  # at most, in all: a long cable has many along it and few across
 FINER = 0.8
 
 
@@ -67,7 +68,7 @@ def add(grid: Grid, xyz: Float[np.ndarray, "n 3"]) -> None:
 
 
 def cut(grid: Grid, *, halo: float, capacity: int) -> list[Tile]:
-    """Halve the cloud, along the longest side and by points, until every piece with its halo fits.
+    """Part the cloud, where the fewest points lie about the cut, until every piece with its halo fits, and fills a tile.
 
     Raises:
         ValueError: If a single cell with its halo holds more than `capacity` points.
@@ -88,7 +89,7 @@ def cut(grid: Grid, *, halo: float, capacity: int) -> list[Tile]:
                 f"got {capacity:,}"
             )
         else:
-            todo.extend(_halves(grid, low, high))
+            todo.extend(_parted(grid, low, high, reach + 1, capacity))
     return done
 
 
@@ -96,14 +97,34 @@ def _slices(low: np.ndarray, high: np.ndarray) -> tuple[slice, ...]:
     return tuple(slice(a, b) for a, b in zip(low, high, strict=True))
 
 
-def _halves(grid: Grid, low: np.ndarray, high: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-    axis = int(np.argmax(high - low))
-    others = tuple(a for a in range(3) if a != axis)
-    along = np.cumsum(grid.held[_slices(low, high)].sum(axis=others))
-    place = int(np.clip(np.searchsorted(along, along[-1] / 2) + 1, 1, len(along) - 1))
+def _parted(
+    grid: Grid, low: np.ndarray, high: np.ndarray, reach: int, capacity: int
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """A piece in two, such that both hold a whole number of full tiles as nearly as can be.
+
+    Of the three axes the one is cut along which the fewest points lie within `reach` cells of the cut: they are worked on twice.
+    """
+    held, cuts = grid.held[_slices(low, high)], []
+    for axis in np.flatnonzero(high - low > 1):
+        along = np.concatenate([[0], np.cumsum(held.sum(axis=tuple(a for a in range(3) if a != axis)))])
+        half = _place(along, 0.5)
+        parts = max(2, math.ceil(along[-1] / max(1, capacity - _about(along, half, reach))))
+        place = _place(along, (parts // 2) / parts)
+        cuts.append((_about(along, place, reach), -len(along), int(axis), low[axis] + place))
+    *_, axis, place = min(cuts)
     middle_high, middle_low = high.copy(), low.copy()
-    middle_high[axis] = middle_low[axis] = low[axis] + place
+    middle_high[axis] = middle_low[axis] = place
     return [(low, middle_high), (middle_low, high)]
+
+
+def _place(along: np.ndarray, share: float) -> int:
+    """The border between cells below which that share of the points lies, as nearly as can be; none of the ends."""
+    return int(np.clip(np.searchsorted(along, share * along[-1]), 1, len(along) - 2))
+
+
+def _about(along: np.ndarray, place: int, reach: int) -> int:
+    """Points within some cells of a border."""
+    return int(along[min(place + reach, len(along) - 1)] - along[max(place - reach, 0)])
 
 
 def _tile(grid: Grid, low: np.ndarray, high: np.ndarray, halo: float) -> Tile:

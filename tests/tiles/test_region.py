@@ -42,7 +42,7 @@ def test_equals_a_pass_over_the_same_points(cloud, tmp_path, monkeypatch, jobs):
     by_pass, tiles = cleaned(cloud / "a.ply", tmp_path / "pass.ply", **options)
     monkeypatch.setattr(Folder, "spool", None)  # no pass that writes tiles
     by_region, _ = cleaned(cloud / "a.copc.laz", tmp_path / "region.ply", **options)
-    assert tiles > 3
+    assert tiles > 2
     assert by_region == by_pass
 
 
