@@ -3,7 +3,7 @@
 import pytest
 
 from experiments.harness.revision import code_revision, is_clean
-from experiments.harness.sources import Sources, at_revision, combined, present
+from experiments.harness.sources import OUTSIDE, Sources, at_revision, combined, present
 
 FILES = {
     "cablejax/__init__.py": "",
