@@ -47,7 +47,7 @@ shutil.copytree(ROOT / "notebooks", HERE / "notebooks", dirs_exist_ok=True, igno
 nb_execution_mode = "cache"
 nb_execution_excludepatterns = ["notebooks/*"]
 nb_execution_cache_path = str(HERE / "_build" / "jupyter-cache")
-nb_execution_timeout = 300
+nb_execution_timeout = 900  # s a cell; they take seconds, and minutes where a machine is busy
 nb_execution_raise_on_error = True
 nb_merge_streams = True
 suppress_warnings = ["mystnb.unknown_mime_type"]  # plotly's own form of figures that are there as images too
@@ -76,10 +76,8 @@ toc_object_entries = False
 nitpicky = True
 nitpick_ignore_regex = [
     (r"py:.*", r"(?!cablejax).*"),
-    (
-        r"py:class",
-        r"cablejax\.ops\.neighbors\.(tree\.Tree|request\.Points)",
-    ),  # inside of a search tree, and of a search
+    # inside of a search tree, and of a search
+    (r"py:class", r"cablejax\.ops\.neighbors\.(tree\.Tree|request\.Points)"),
     (r"py:class", r"cablejax\.simulate\.centrelines\.Foot"),  # what the simulator looks up on a centre line
     (r"py:class", r"cablejax\.report\..*\.(Cables|Measured)"),  # protocols that results of cablejax.measure meet
     (r"py:class", r"cablejax\.train\.step\.TrainState"),  # what the training loop keeps

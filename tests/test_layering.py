@@ -55,8 +55,8 @@ ALLOWED = {
 EXPERIMENTS = {
     "harness": set(),
     "material": {"harness"},
-    "analysis": {"study"},  # the names of its stages
-    "display": {"analysis", "harness", "study"},
+    "analysis": {"material"},  # the names of the study's stages
+    "display": {"analysis", "harness", "material"},
 }
 HEAVY = (
     "jax",

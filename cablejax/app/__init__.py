@@ -1,6 +1,6 @@
 """A page on this machine for one who would rather look than type: scans in, cables seen, measured and handed on."""
 
 from cablejax.app.desk import Desk
-from cablejax.app.server import serve
+from cablejax.app.server import PageServer, serve
 
-__all__ = ["Desk", "serve"]
+__all__ = ["Desk", "PageServer", "serve"]

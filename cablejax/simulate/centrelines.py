@@ -1,6 +1,6 @@
 """Centrelines of cables: plane curves that know the nearest of their points to any point in space."""
 
-import functools
+from functools import partial, reduce
 from typing import NamedTuple
 
 import jax
@@ -110,7 +110,7 @@ class ArcChain(NamedTuple):
     def sq_distance(self, xyz: Float[Array, " 3"]) -> Float[Array, ""]:
         """Squared distance to the chain within the plane z = 0; no trigonometry, for it is asked at every step of a beam."""
         sq_dists = [near.sq_dist for near in self._pieces(xyz)]
-        return functools.reduce(jnp.minimum, sq_dists)
+        return reduce(jnp.minimum, sq_dists)
 
     def foot(self, xyz: Float[Array, " 3"]) -> Foot:
         """Nearest point of the chain, the earlier on a tie; exact, since every piece has it in closed form."""
@@ -146,6 +146,7 @@ class ArcChain(NamedTuple):
         )
 
 
+@partial(jax.jit, inline=True)  # one program where no other is being traced, and no trace of it in one that is
 def arc_chain(pieces: list[tuple[Array | float, Array | float]]) -> ArcChain:
     """Join pieces (length in mm, curvature in 1/mm) between two endless straights, centred on the origin.
 

@@ -1,7 +1,9 @@
 """Cable shapes: round tubes about a plane centreline, with exact signed distance, normal and local radius."""
 
+from functools import partial
 from typing import Literal, NamedTuple, get_args
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -87,6 +89,7 @@ def make_tube(
     return build_tube(shape, jnp.float32(diameter_mm), jnp.float32(length_mm), jnp.float32(bend_radius_mm))
 
 
+@partial(jax.jit, static_argnames=("shape",), inline=True)
 def build_tube(shape: str, diameter_mm: Array, length_mm: Array, bend_radius_mm: Array) -> Tube:
     """`make_tube` without its checks, for sizes that are traced arrays. `shape` is static."""
     if shape == "catenary":

@@ -193,6 +193,16 @@ def test_warnings_of_a_scan_stand_in_its_row(few, tmp_path):
     assert all("no --unit given" in row["warnings"] for row in rows_of(tmp_path / "t.csv"))
 
 
+@pytest.mark.parametrize("jobs", ["0", "1"])
+def test_what_was_odd_about_a_file_stands_in_its_row_from_any_process(few, tmp_path, jobs):
+    odd = few / "scan001.ply"
+    odd.write_bytes(odd.read_bytes()[:-24])  # the last point: three coordinates of 8 bytes
+    main(["info", str(few), "--unit", "mm", "--csv", str(tmp_path / "t.csv"), "--jobs", jobs, "--quiet"])
+    said = {row["file"]: row["warnings"] for row in rows_of(tmp_path / "t.csv")}
+    assert "scan001.ply: its header promises" in said.pop("scan001.ply")
+    assert set(said.values()) == {""}
+
+
 def test_the_options_of_folders_are_refused_for_a_file(few, capsys):
     for option, value in (("--csv", "t.csv"), ("--jsonl", "t.jsonl"), ("--scheduler", "tcp://127.0.0.1:1")):
         assert main(["info", str(few / "scan000.ply"), "--unit", "mm", option, value]) == 1

@@ -303,6 +303,15 @@ def test_a_folder_gives_one_csv_with_results_and_reasons(capsys, scan, tmp_path)
     assert "Too few points" in rows[1]["error"]
 
 
+@pytest.mark.parametrize(("place", "why"), [("taken", "is a file"), ("taken/below", "Not a directory")])
+def test_a_folder_for_results_that_cannot_be_made_is_named(capsys, scan, tmp_path, place, why):
+    (tmp_path / "taken").write_text("")
+    page = tmp_path / place / "page.html"
+    code, out, err = run(capsys, "measure", scan, "--unit", "mm", "--quiet", "--report", str(page))
+    assert (code, out) == (1, "")
+    assert err == f"cablejax: {page.parent}: cannot be a folder for results ({why})\n"
+
+
 def test_a_folder_without_a_result_is_exit_code_one(capsys, tmp_path):
     code, _, err = run(capsys, "measure", str(tmp_path), "--unit", "mm")
     assert (code, "is a folder without point files" in err) == (1, True)

@@ -2,12 +2,11 @@
 
 import re
 import shlex
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
+from cablejax.cli import main
 from experiments import ROOT
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -24,13 +23,13 @@ def test_python_examples_run(capsys: pytest.CaptureFixture[str]):
     assert re.search(r"\d+\.\d\d mm, 95 % interval \d+\.\d\d to \d+\.\d\d", capsys.readouterr().out)
 
 
-def test_cablejax_commands_run(tmp_path: Path):
+def test_cablejax_commands_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    monkeypatch.chdir(tmp_path)
     commands = [line for block in blocks("sh") for line in block.splitlines() if line.startswith("cablejax ")]
     assert len(commands) >= 2
     for line in commands:
-        command = [str(Path(sys.executable).with_name("cablejax")), *shlex.split(line, comments=True)[1:]]
-        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, f"{line}\n{done.stderr}"
+        code = main(shlex.split(line, comments=True)[1:])
+        assert code == 0, f"{line}\n{capsys.readouterr().err}"
     assert (tmp_path / "scan.html").stat().st_size > 100_000
 
 

@@ -1,6 +1,8 @@
 """Broken files: one clear sentence with path and reason; never a hang, a crash, an empty or a half-read cloud."""
 
+import errno
 import gzip
+import io
 import os
 import sys
 
@@ -9,7 +11,8 @@ import pytest
 
 from cablejax.io import PointFileError, isolated, read_points, write_points
 from cablejax.io.pcd import lzf_decompress
-from cablejax.io.raw import BadFile
+from cablejax.io.raw import BadFile, RawCloud
+from cablejax.io.sinks import LasSink
 from tests.io.clouds import COLOR, INTENSITY, PTX_ROWS, PTX_SCAN, XYZ
 
 PLY = b"ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\nend_header\n"
@@ -47,6 +50,8 @@ BROKEN = {
     "grid.pcd": (PCD.replace(b"WIDTH 2", b"WIDTH 3"), "WIDTH x HEIGHT is not POINTS"),
     "bare.pcd": (PCD.replace(b"WIDTH 2", b"WIDTH"), "has a damaged PCD header"),  # once an IndexError
     "no_data.pcd": (PCD.replace(b"DATA", b"DUTY"), "its header has no DATA line"),
+    "count.pcd": (PCD.replace(b"WIDTH", b"COUNT 1 1 -1\nWIDTH"), r"damaged PCD header \(ValueError: COUNT -1\)"),
+    "counts.pcd": (PCD.replace(b"WIDTH", b"COUNT 1 1 4097\nWIDTH"), r"damaged PCD header \(ValueError: COUNT 4097\)"),
     "kind.pcd": (PCD.replace(b"TYPE F", b"TYPE Q"), "damaged PCD header"),
     "storage.pcd": (PCD.replace(b"ascii", b"zip"), "stores its data as 'zip'"),
     "lzf.pcd": (PCD.replace(b"ascii", b"binary_compressed") + b"\1\0\0\0\x18\0\0\0\x40", "breaks off"),
@@ -87,6 +92,24 @@ def test_broken_file(tmp_path, name):
         read_points(path, unit="m")
     assert str(caught.value).startswith(f"{path}: ")
     assert "\n" not in str(caught.value)
+
+
+def test_a_failed_write_of_laz_is_a_sentence(tmp_path):
+    """lazrs makes a RuntimeError of its own of what the file says."""
+
+    class Filling(io.BufferedRandom):
+        """Room for the header alone."""
+
+        def write(self, data):
+            if self.tell() + len(data) > 1000:
+                raise OSError(errno.ENOSPC, "No space left on device")
+            return super().write(data)
+
+    cloud = RawCloud(np.random.default_rng(0).normal(size=(60_000, 3)))
+    with Filling(io.FileIO(tmp_path / "a.laz", "w+")) as file:
+        sink = LasSink(file, cloud, compressed=True, step=1e-3)
+        with pytest.raises(BadFile, match="cannot be written"):
+            sink.append(cloud)
 
 
 def test_things_that_are_no_files(tmp_path):

@@ -53,7 +53,7 @@ def test_closed_on_an_error_with_all_that_was_logged(tmp_path):
         raise KeyError
     assert len(values(tmp_path, "loss")) == 1
     log.close()
-    with pytest.raises(ValueError, match="closed"):
+    with pytest.raises(ValueError, match="log: expected an open one, got the closed log"):
         log.scalar("loss", 0.5, 2)
 
 

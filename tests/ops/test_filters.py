@@ -175,7 +175,7 @@ def test_least_axis_equals_eigh():
         ({"form": "cubic"}, "form: expected"),
         ({"iterations": 0}, "iterations: expected at least 1, got 0"),
         ({"refinements": -1}, "refinements: expected at least 0, got -1"),
-        ({"found": KnnResult(jnp.zeros((3, 1), int), jnp.zeros((3, 1)), jnp.zeros(3, int))}, "found: expected 20 rows"),
+        ({"found": KnnResult(np.zeros((3, 1), int), np.zeros((3, 1)), np.zeros(3, int))}, "found: expected 20 rows"),
     ],
 )
 def test_bad_arguments_are_named(kwargs, message):

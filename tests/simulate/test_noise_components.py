@@ -1,5 +1,7 @@
 """Each thing a scanner does to a range, alone, against the statistics its docstring claims."""
 
+from functools import cache, partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,7 +13,9 @@ from cablejax.simulate.presets import numbers_of
 from cablejax.simulate.sweeps import RESWEPT_WINDOW, choose_rows, hang_in_air, raster, sweep_beams
 
 RADIUS, STANDOFF, MANY = 20.0, 300.0, 20_000
-TUBE = make_tube("straight", diameter_mm=2 * RADIUS, length_mm=200.0)
+TUBE = cache(
+    partial(make_tube, "straight", diameter_mm=2 * RADIUS, length_mm=200.0)
+)  # made when asked for, not on import
 measure_many = jax.jit(jax.vmap(measure, in_axes=(None, 0, None, 0)))
 sweep = jax.jit(sweep_beams, static_argnames=("lines", "columns"))
 
@@ -26,7 +30,7 @@ def returns(off_axis, *, distance=STANDOFF, seed=0, **changes):
     origin = jnp.tile(jnp.array([[3.0, off_axis, distance]], jnp.float32), (MANY, 1))
     down = jnp.tile(jnp.array([[0.0, 0.0, -1.0]]), (MANY, 1))
     luck = jax.random.uniform(jax.random.key(seed), (MANY, 6))
-    back = measure_many(bare(TUBE), Beam(origin, down), numbers(**changes), luck)
+    back = measure_many(bare(TUBE()), Beam(origin, down), numbers(**changes), luck)
     true = distance - np.sqrt(max(RADIUS**2 - off_axis**2, 0.0))
     return distance - np.asarray(back.xyz_mm[:, 2], np.float64) - true, back, true
 
@@ -108,8 +112,8 @@ def test_each_sweep_is_shifted_as_a_whole():
     shifts = []
     for seed in range(8):
         key = jax.random.key(seed)
-        moved = sweep(bare(TUBE), angles, two_pi, jnp.float32(0), changed, key, lines=20, columns=8)
-        still = sweep(bare(TUBE), angles, two_pi, jnp.float32(0), {**changed, "registration_mm": jnp.float32(0)}, key,
+        moved = sweep(bare(TUBE()), angles, two_pi, jnp.float32(0), changed, key, lines=20, columns=8)
+        still = sweep(bare(TUBE()), angles, two_pi, jnp.float32(0), {**changed, "registration_mm": jnp.float32(0)}, key,
                       lines=20, columns=8)  # fmt: skip
         step = np.asarray(moved.xyz_mm - still.xyz_mm).reshape(3, 20, 8, 3)
         assert np.ptp(step[:, :14], axis=(1, 2)).max() < 1e-4  # 14 lines of the first sweep, 6 of the second
@@ -140,15 +144,15 @@ def test_uneven_speed_keeps_order_and_ends():
 
 
 def test_outliers_hang_two_mm_and_an_exponential_off():
-    air = hang_in_air(TUBE, jax.random.key(4), count=MANY)
-    height = np.asarray(jax.vmap(TUBE.signed_distance)(air), np.float64) - 2.0
+    air = hang_in_air(TUBE(), jax.random.key(4), count=MANY)
+    height = np.asarray(jax.vmap(TUBE().signed_distance)(air), np.float64) - 2.0
     assert height.min() > -1e-3
     assert height.mean() == pytest.approx(15.0, rel=0.03)
     assert np.median(height) == pytest.approx(15.0 * np.log(2), rel=0.04)
 
 
 def test_too_few_returns_become_padding():
-    back = sweep(bare(TUBE), jnp.array([0.5, 2.5, 4.5]), jnp.float32(0.3), jnp.float32(0.5), numbers(),
+    back = sweep(bare(TUBE()), jnp.array([0.5, 2.5, 4.5]), jnp.float32(0.3), jnp.float32(0.5), numbers(),
                  jax.random.key(0), lines=20, columns=8)  # fmt: skip
     some = int(back.valid.sum())
     assert 0 < some < 100

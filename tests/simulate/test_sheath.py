@@ -1,5 +1,7 @@
 """Dark and glossy sheaths: what is lost and how much noisier the rest is, against the laws in the docstrings."""
 
+from functools import cache, partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,7 +13,9 @@ from cablejax.simulate.presets import numbers_of
 from cablejax.simulate.sheath import GLARE_SINE
 
 RADIUS, STANDOFF, MANY = 20.0, 300.0, 20_000
-TUBE = make_tube("straight", diameter_mm=2 * RADIUS, length_mm=200.0)
+TUBE = cache(
+    partial(make_tube, "straight", diameter_mm=2 * RADIUS, length_mm=200.0)
+)  # made when asked for, not on import
 measure_many = jax.jit(jax.vmap(measure, in_axes=(None, 0, None, 0)))
 
 
@@ -22,7 +26,7 @@ def returns(cosine, surfaces, **changes):
     down = jnp.tile(jnp.array([[0.0, 0.0, -1.0]]), (MANY, 1))
     device = numbers_of(PRESETS["ideal"]) | {name: jnp.float32(value) for name, value in changes.items()}
     luck = jax.random.uniform(jax.random.key(0), (MANY, 6))
-    back = measure_many(bare(TUBE)._replace(finish=surfaces), Beam(origin, down), device, luck)
+    back = measure_many(bare(TUBE())._replace(finish=surfaces), Beam(origin, down), device, luck)
     return STANDOFF - np.asarray(back.xyz_mm[:, 2]) - (STANDOFF - RADIUS * cosine), np.asarray(back.valid)
 
 

@@ -12,8 +12,8 @@ from tests.reference import adadelta
 
 RATES = {"sgd": 0.1, "mbgd": 0.1, "adadelta": 1.0, "adagrad": 0.5, "rmsprop": 0.01, "adam": 0.05, "adamw": 0.05,
          "muon": 0.02, "schedule_free": 0.05}  # fmt: skip
-CURVATURE = jnp.array([1.0, 4.0])
-START = jnp.array([1.0, -2.0])
+CURVATURE = np.array([1.0, 4.0], np.float32)
+START = np.array([1.0, -2.0], np.float32)
 
 
 def parabola(theta):
