@@ -19,6 +19,9 @@ from sphinx.transforms.post_transforms import SphinxPostTransform
 from sphinx.util import logging
 
 ARRAY = re.compile(r"\b(?:jaxlib\._jax|jax|numpy)\.(Array|ndarray)\b")
+COMPUTED = re.compile(r"<[\w ][^<>]*>")
+FIELDS = re.compile(r"^ {4}\w+(?:, \w+)+: ")
+KEPT: dict[str, list[str]] = {}
 logger = logging.getLogger(__name__)
 
 
@@ -82,11 +85,24 @@ def describe_constants(_: Sphinx, __: str, name: str, item: Any, ___: Any, lines
         lines[:] = [f"``{item}``"]
 
 
+def prepare_docstring(_: Sphinx, what: str, name: str, __: Any, ___: Any, lines: list[str]) -> None:
+    """Before napoleon reads it: `a, b: text` is one field of two names; a property's sentence is kept as it is."""
+    lines[:] = [FIELDS.sub(lambda match: match[0].replace(", ", ","), line) for line in lines]
+    if what == "property":
+        KEPT[name] = list(lines)
+
+
+def restore_property(_: Sphinx, __: str, name: str, ___: Any, ____: Any, lines: list[str]) -> None:
+    """After napoleon, which takes what stands before the first colon of a property's docstring for its type."""
+    if name in KEPT:
+        lines[:] = KEPT.pop(name)
+
+
 def shorten_arrays(
     _: Sphinx, __: str, ___: str, ____: Any, _____: Any, signature: str | None, returned: str | None
 ) -> tuple[str | None, str | None]:
-    """Write `Float[Array, 'n 3']` as the source does, without the modules of the array types."""
-    short = [None if each is None else ARRAY.sub(r"\1", each) for each in (signature, returned)]
+    """Write `Float[Array, 'n 3']` as the source does, without the modules of the array types, and computed defaults as `...`."""
+    short = [None if each is None else COMPUTED.sub("...", ARRAY.sub(r"\1", each)) for each in (signature, returned)]
     return short[0], short[1]
 
 
@@ -105,5 +121,7 @@ def setup(app: Sphinx) -> dict[str, Any]:
     app.connect("env-check-consistency", check_public_names)
     app.connect("autodoc-skip-member", skip_fields)
     app.connect("autodoc-process-signature", shorten_arrays)
+    app.connect("autodoc-process-docstring", prepare_docstring, priority=100)  # napoleon reads at 500
+    app.connect("autodoc-process-docstring", restore_property, priority=900)
     app.connect("autodoc-process-docstring", describe_constants)
     return {"version": "1", "parallel_read_safe": True, "parallel_write_safe": True}
