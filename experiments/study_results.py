@@ -2,8 +2,8 @@
 
     python -m experiments.study_results [--part standard_nofit ...] [--log results/study] [--take FOLDER] [--out results]
 
-An arm is in the file from the stage on that is complete for it: as the study goes on, the files grow. `--take` first brings
-in the runs of another checkout's results/study that are not here yet.
+An arm is in the file from the stage on that is complete for it: as the study goes on, the files grow. With `--take` nothing is
+folded: the runs of another checkout's results/study that are not here yet are brought in.
 """
 
 import argparse
@@ -93,6 +93,7 @@ def take(part: str, *, log: Path, other: Path) -> int:
     for line in new:
         run_log.register(log, origins[line["origin"]])
         run_log.append(log / f"{part}.jsonl", line)
+    run_log.accept_all(log, run_log.origins(other)["accepted"])
     return len(new)
 
 
@@ -103,7 +104,7 @@ def main() -> None:
     parser.add_argument("--size", default="quick", choices=("smoke", "quick"))
     parser.add_argument("--log", type=Path, default=study.LOG)
     parser.add_argument(
-        "--take", type=Path, metavar="FOLDER", help="another checkout's results/study, to take runs from"
+        "--take", type=Path, metavar="FOLDER", help="another checkout's results/study, to take runs from; folds nothing"
     )
     parser.add_argument("--out", type=Path, default=ROOT / "results")
     options = parser.parse_args()
@@ -112,6 +113,8 @@ def main() -> None:
         try:
             if options.take is not None:
                 print(f"{part}: {take(part, log=options.log, other=options.take)} runs taken")
+                written += 1
+                continue
             print(fold(part, size=options.size, log=options.log, out=options.out))
             written += 1
         except (CollectError, OSError) as error:

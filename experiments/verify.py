@@ -1,6 +1,7 @@
 """Run a sample of the committed results again and compare: does this code on this machine still give those numbers?
 
     python -m experiments.verify [NAME ...]
+    python -m experiments.verify --age
 
 Of the study, `python -m experiments.verify study` replays the first epoch of one run a part where its sources have changed,
 and accepts them for all runs where it agrees.
@@ -19,12 +20,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from cablejax.io import read_json
 from cablejax.jax_sums import check_sums
 from experiments import ROOT, diameter, table1_filtering, table2_3_deviation, train
 from experiments.analysis.results import Results
 from experiments.collect import flatten
 from experiments.harness import schema
 from experiments.harness.runs import Task
+from experiments.harness.sources import Sources, at_revision, present
 from experiments.material.replay import verify_part
 from experiments.material.study_plan import PARTS
 
@@ -112,13 +115,34 @@ def verify(results: Results, sample: Sample) -> list[str]:
         return differences(row["metrics"], sample.task(config, Path(folder)), sample)
 
 
+def age(folder: Path) -> list[str]:
+    """Of every results file how many of the sources that it depends on have changed since the commit that made it."""
+    told = []
+    for path in sorted(folder.glob("*.json")):
+        found = read_json(path)
+        name, revision = found.get("experiment", path.stem), found.get("code_revision", "").split("+")[0]
+        module = f"experiments.{name}" if (ROOT / "experiments" / f"{name}.py").is_file() else "experiments.train"
+        try:
+            then, now = Sources(at_revision(revision)).digests(module), present(module)
+        except ValueError as error:
+            told.append(f"{path.stem}: {error}")
+            continue
+        changed = sum(then.get(each) != digest for each, digest in now.items())
+        told.append(f"{path.stem}: made at {revision[:8]}; of its {len(now)} sources {changed} have changed since")
+    return told
+
+
 def main(say: Callable[[str], None] = print) -> None:
     """Verify some or all of the samples; exit code 1 where a number differs."""
     parser = argparse.ArgumentParser(prog="python -m experiments.verify", description="Repeat a sample of the results.")
     known = (*SAMPLES, STUDY)
     parser.add_argument("name", nargs="*", help=f"of {', '.join(known)}; all by default")
     parser.add_argument("--results", type=Path, default=ROOT / "results")
+    parser.add_argument("--age", action="store_true", help="say what has changed since each file was made; run nothing")
     options = parser.parse_args()
+    if options.age:
+        say("\n".join(age(options.results)))
+        return
     unknown = set(options.name) - set(known)
     if unknown:
         parser.error(f"name: expected one of {', '.join(known)}, got {', '.join(sorted(unknown))}")

@@ -127,9 +127,15 @@ def accept(folder: Path, sources: dict[str, str], as_good_as: str, evidence: dic
         as_good_as: The old ones' combined digest.
         evidence: Which run was replayed, and by how much it differed.
     """
+    accept_all(folder, [{"sources": combined(sources), "as": as_good_as, **evidence}])
+
+
+def accept_all(folder: Path, pairs: list[dict[str, Any]]) -> None:
+    """Keep what was accepted, with its evidence, where it is not kept yet."""
     known = origins(folder)
-    known["accepted"].append({"sources": combined(sources), "as": as_good_as, **evidence})
-    write_json(folder / ORIGINS, known)
+    new = [pair for pair in pairs if pair not in known["accepted"]]
+    if new:
+        write_json(folder / ORIGINS, {**known, "accepted": known["accepted"] + new})
 
 
 def equivalent(folder: Path, sources: dict[str, str]) -> set[str]:

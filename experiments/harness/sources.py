@@ -2,6 +2,9 @@
 
 import ast
 import hashlib
+import io
+import subprocess
+import tarfile
 from collections.abc import Callable, Iterator
 from functools import cache
 
@@ -27,6 +30,23 @@ def on_disk(path: str) -> str | None:
     """A source of this checkout."""
     file = ROOT / path
     return file.read_text() if file.is_file() else None
+
+
+def at_revision(revision: str) -> Reader:
+    """The sources of a commit.
+
+    Raises:
+        ValueError: If this checkout does not know it.
+    """
+    done = subprocess.run(["git", "-C", str(ROOT), "archive", revision, *OURS], capture_output=True, check=False)
+    if done.returncode:
+        raise ValueError(f"revision: expected a commit of this checkout, got {revision}")
+    with tarfile.open(fileobj=io.BytesIO(done.stdout)) as archive:
+        found = {
+            each.name: archive.extractfile(each) for each in archive if each.isfile() and each.name.endswith(".py")
+        }
+        texts = {name: file.read().decode() for name, file in found.items() if file is not None}
+    return texts.get
 
 
 class Sources:

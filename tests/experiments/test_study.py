@@ -256,6 +256,9 @@ def test_runs_are_taken_from_another_log_once(training: Training, tmp_path: Path
     assert study_results.take(PART, log=here, other=there) == 4
     assert study_results.take(PART, log=here, other=there) == 0
     assert len(study.finished(PART, size="smoke", log=here)) == 4
+    run_log.accept(there, {"a": "2"}, run_log.combined({"a": "1"}), {"run": "made up"})
+    assert study_results.take(PART, log=here, other=there) == 0
+    assert run_log.origins(here) == run_log.origins(there)
 
 
 def test_metrics_survive_their_line():

@@ -2,7 +2,8 @@
 
 import pytest
 
-from experiments.harness.sources import OUTSIDE, Sources, combined, present
+from experiments.harness.revision import code_revision, is_clean
+from experiments.harness.sources import OUTSIDE, Sources, at_revision, combined, present
 
 FILES = {
     "cablejax/__init__.py": "",
@@ -67,3 +68,14 @@ def test_the_networks_training_depends_on_what_decides_it():
 def test_what_is_left_out_is_there(module: str):
     """A module that was renamed would else count to every result again."""
     assert Sources()._tree(module) is not None
+
+
+def test_sources_of_a_commit():
+    revision = code_revision()
+    if revision.startswith("unversioned"):
+        pytest.skip("no git checkout")
+    then = Sources(at_revision(revision.split("+")[0])).digests("experiments.train")
+    assert "cablejax.nets.adgcnn" in then
+    assert not is_clean(revision) or then == present("experiments.train")
+    with pytest.raises(ValueError, match="revision: expected a commit of this checkout, got nowhere"):
+        at_revision("nowhere")
