@@ -34,7 +34,7 @@ SECTIONS: tuple[Section[Results], ...] = (
     Section(
         Results,
         "Adaptive filter",
-        "Deviation from the true surface before and after equations (2)-(8), and after two variants on the same weights that "
+        "Deviation from the true surface before and after eqs. (2)-(8), and after two variants on the same weights that "
         "do not shrink a convex surface.",
         ("table2_3_deviation",),
         (of("table2_3_deviation", filtering_tables.table2_3),),

@@ -208,7 +208,10 @@ resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))
 sys.exit(main(sys.argv[1:]))
 """
 # A page without a measurement: what is tried is the disk.
-PAGE = "import cablejax.report, cablejax.measure\nmeasure.one = lambda options: measure._save_report(options, '<html>' * 100)"
+PAGE = (
+    "import cablejax.report, cablejax.measure\n"
+    "measure.one = lambda options: measure.measure_input.save_report(options, '<html>' * 100)"
+)
 ROW = "measure.one = lambda options: {'file': 'a' * 200, 'error': 'e'}"
 
 

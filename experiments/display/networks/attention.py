@@ -21,7 +21,7 @@ def surface(results: Results) -> Drawing:
         ax.set_ylim(0, 1)
         ax.set_title(f"layer {layer + 1}", loc="left", fontsize=10)
         ax.set_xlabel("channels (%)", fontsize=9)
-    axes[0, 0].set_ylabel("weight, eq 12", fontsize=9)
+    axes[0, 0].set_ylabel("weight, eq. (12)", fontsize=9)
     for layer in range(layers):
         _surfaces(figure, axes[1:, layer], clouds, layer)
     for ax in axes[:, 1:].ravel():

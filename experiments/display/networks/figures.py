@@ -15,7 +15,7 @@ NOTE_SHARE = 0.5  # height of the note under the loss curves, as a share of thei
 def accuracy_curves(found: dict[str, Results]) -> Drawing:
     """Figures 5-8: overall and class-average accuracy on validation against training progress."""
     figure = _curves(found, ("validation_overall", "validation_class_average"))
-    panels = zip(figure.axes, ("(a) accuracy, eq 20", "(b) class average, eq 21"), strict=True)
+    panels = zip(figure.axes, ("(a) accuracy, eq. (20)", "(b) class average, eq. (21)"), strict=True)
     for ax, label in panels:
         ax.set_title(label, loc="left", fontsize=10)
         ax.set_ylim(0, 1.05)
@@ -139,7 +139,7 @@ def robustness(results: Results) -> Drawing:
         if kind in ("kept", "arc_deg"):
             ax.invert_xaxis()
     for ax in axes[::2]:
-        ax.set_ylabel("test accuracy, eq 20")
+        ax.set_ylabel("test accuracy, eq. (20)")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return Drawing(
         "robustness",

@@ -8,7 +8,7 @@ from experiments.display.table import Table, told
 NETWORKS = ("fig5_alexnet", "fig6_vgg16", "fig7_resnet50", "fig8_adgcnn")
 VARIANTS = {
     "full": "as it is",
-    "no_attention": "without channel attention (eq 12)",
+    "no_attention": "without channel attention [eq. (12)]",
     "no_enhancement": "without feature enhancement",
     "no_fusion": "without feature fusion",
     "no_raster": "without enhancement and fusion",
@@ -47,8 +47,8 @@ def networks(found: dict[str, Results]) -> Table:
         "Figures 5-12: the networks under Adadelta",
         [
             "Network",
-            "accuracy (eq 20)",
-            "class average (eq 21)",
+            "accuracy [eq. (20)]",
+            "class average [eq. (21)]",
             "cylinder fit",
             "fluctuation, training (nats)",
             "fluctuation, validation (nats)",
@@ -96,8 +96,8 @@ def robustness(results: Results) -> Table:
         "Robustness: one respect at a time",
         ["Made worse", "ADGCNN", "cylinder fit"],
         rows,
-        f"Accuracy, eq 20. ADGCNN trained on `{results.config('dataset.version')}` clouds and tested on worse ones, beside the "
-        "nearest nominal size to a cylinder fitted to the same clouds; "
+        f"Accuracy, eq. (20). ADGCNN trained on `{results.config('dataset.version')}` clouds and tested on worse ones, beside "
+        "the nearest nominal size to a cylinder fitted to the same clouds; "
         f"{results.config('dataset.n_points')} points a cloud, {told(results)}.",
     )
 
@@ -120,7 +120,7 @@ def versions(found: dict[str, Results]) -> Table:
     epochs = {str(results.config("training.epochs")) for results in found.values()}
     return Table(
         "ADGCNN on standard and on hard clouds",
-        ["Method", "version", "accuracy (eq 20)", "class average (eq 21)", "points", "seeds"],
+        ["Method", "version", "accuracy [eq. (20)]", "class average [eq. (21)]", "points", "seeds"],
         rows,
         f"Trained and tested on clouds of the same version, {' or '.join(sorted(epochs))} epochs under Adadelta; a guess is "
         f"right {' or '.join(f'{guess:.3f}' for guess in sorted(guesses))} of the time. Hard: arcs of 60 to 120 degrees, noise "
@@ -149,7 +149,7 @@ def ablation(results: Results) -> Table:
     ]
     return Table(
         "Ablation: what each part brings",
-        ["Variant", "accuracy (eq 20)", "class average (eq 21)", "difference", "train (s)"],
+        ["Variant", "accuracy [eq. (20)]", "class average [eq. (21)]", "difference", "train (s)"],
         rows,
         f"Test accuracy at the epoch best on validation; {len(results.config('dataset.sizes_mm2'))} sizes, "
         f"{results.config('training.epochs')} epochs, {told(results)}. Seconds are the least of the seeds.",

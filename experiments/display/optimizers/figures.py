@@ -25,7 +25,7 @@ def optimizer_curves(results: Results) -> Drawing:
                 )
     mark_paper(right, paper.ACCURACY_AFTER, f"paper, Adadelta {paper.ACCURACY_AFTER}")
     left.set_title("(a) training loss (nats)", loc="left", fontsize=10)
-    right.set_title("(b) validation accuracy, eq 20", loc="left", fontsize=10)
+    right.set_title("(b) validation accuracy, eq. (20)", loc="left", fontsize=10)
     right.set_ylim(0, 1.05)
     for ax in (left, right):
         ax.set_xlabel("training progress (% of epochs)")
@@ -54,7 +54,7 @@ def sensitivity(results: Results) -> Drawing:
         ax.plot(list(rates), list(rates.values()), marker="o", ms=3.5, label=NAMES[name], **style)
     ax.set_xscale("log")
     ax.set_xlabel("learning rate")
-    ax.set_ylabel("best validation accuracy, eq 20")
+    ax.set_ylabel("best validation accuracy, eq. (20)")
     ax.set_ylim(0, 1.05)
     figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=4)
     return Drawing(
@@ -81,7 +81,7 @@ def study_bars(results: Results) -> Drawing:
         ax.errorbar([value.mean for value in values], np.array(there) + shift, xerr=spread, fmt=marker, ms=5,
                     color=color, capsize=3, label=label, ls="none")  # fmt: skip
     ax.set_yticks(range(len(names)), [NAMES[name] for name in names])
-    ax.set_xlabel("test accuracy, eq 20, with 95 % interval over seeds")
+    ax.set_xlabel("test accuracy, eq. (20), with 95 % interval over seeds")
     ax.set_xlim(0, 1.02)
     figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return Drawing(

@@ -29,7 +29,7 @@ def table(results: Results, committed: Path = ROOT / "results") -> Table:
     rows.append(["the paper, on data that is not published", f"{paper.ACCURACY_AFTER}", ""])
     return Table(
         "Figure 13, a short training: ADGCNN under Adadelta at the paper's rate of 1",
-        ["Training", "accuracy (eq 20)", "seeds"],
+        ["Training", "accuracy [eq. (20)]", "seeds"],
         rows,
         f"Test accuracy at the epoch best on validation, of {tested} clouds of {len(row['labels_mm2'])} sizes with Wilson's 95 % "
         f"interval; {schedule(results)}, size {results.size}. One seed shows that it trains, not that Adadelta is "
@@ -66,7 +66,7 @@ def curve(results: Results) -> Drawing:
         ax.plot(epochs, [each[metric] for each in history], **style)
         ax.set_xlabel("epoch")
     axes[0].set_title("(a) training loss (nats)", loc="left", fontsize=10)
-    axes[1].set_title("(b) validation accuracy, eq 20", loc="left", fontsize=10)
+    axes[1].set_title("(b) validation accuracy, eq. (20)", loc="left", fontsize=10)
     axes[1].set_ylim(0, 1.05)
     mark_paper(axes[1], paper.ACCURACY_AFTER, f"paper, Adadelta {paper.ACCURACY_AFTER}")
     return Drawing(

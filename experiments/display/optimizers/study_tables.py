@@ -44,7 +44,7 @@ def arms_table(results: Results) -> Table | None:
         [
             "Arm",
             "rate and second number",
-            "accuracy (eq 20)",
+            "accuracy [eq. (20)]",
             "share of failed runs",
             f"updates to {results.target:g}",
             "seconds to it",

@@ -39,8 +39,8 @@ def optimizers(results: Results) -> Table:
         [
             "Optimizer",
             "rate",
-            "accuracy (eq 20)",
-            "class average (eq 21)",
+            "accuracy [eq. (20)]",
+            "class average [eq. (21)]",
             "first loss",
             "last loss",
             "train (s)",
@@ -125,12 +125,12 @@ def study(results: Results) -> Table:
         [
             "Optimizer",
             "tuned rate",
-            "accuracy (eq 20)",
-            "class average (eq 21)",
+            "accuracy [eq. (20)]",
+            "class average [eq. (21)]",
             "Adadelta is better by",
             f"epochs, steps (s) to {TARGET:g}",
             "Keras' rate",
-            "accuracy (eq 20)",
+            "accuracy [eq. (20)]",
         ],
         rows,
         f"Test accuracy at the epoch best on validation; {len(results.config('dataset.sizes_mm2'))} sizes, "

@@ -35,7 +35,7 @@ def table(results: Results) -> Table:
         "Figure 13 with transfer: from random weights and from ModelNet10's",
         ["Optimizer", "random", "transferred", "gain", "p", "random, first epoch", "transferred, first epoch"],
         rows,
-        "Test accuracy (eq 20) at the epoch best on validation, and validation accuracy after one epoch; "
+        "Test accuracy [eq. (20)] at the epoch best on validation, and validation accuracy after one epoch; "
         f"{len(results.config('dataset.sizes_mm2'))} sizes, {results.config('training.epochs')} epochs, {told(results)}. "
         "p: paired t test. Transferred: weights that the same network learnt on ModelNet10's clouds, free to move afterwards.",
     )
@@ -60,7 +60,7 @@ def curves(results: Results) -> Drawing:
             ax.plot(progress, runs.mean(axis=0), label=f"{NAMES[name]}, {STARTS[start]}", **style)
             if len(runs) > 1:
                 ax.fill_between(progress, runs.min(axis=0), runs.max(axis=0), color=style["color"], alpha=0.15, lw=0)
-    for ax, title in zip(axes, ("(a) training loss (nats)", "(b) validation accuracy, eq 20"), strict=True):
+    for ax, title in zip(axes, ("(a) training loss (nats)", "(b) validation accuracy, eq. (20)"), strict=True):
         ax.set_title(title, loc="left", fontsize=10)
         ax.set_xlabel("training progress (% of epochs)")
     mark_paper(axes[1], paper.ACCURACY_AFTER, f"paper, Adadelta {paper.ACCURACY_AFTER}")
