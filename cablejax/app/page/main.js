@@ -118,6 +118,7 @@ function showCable() {
   const from = (line) => line.map((point) => sub(point, scan.cloud.origin));
   cloud.setCables(scan.cables.map((each) => ({ ...each, axis: from(each.axis_mm), pieces: from(each.pieces_mm) })), chosen);
   cloud.setBox(local(scan.settings.box));
+  moveTags();  // they are new, and the next frame may be late
   if (!one) return;
   byId("low").textContent = (-3 * one.noise_mm).toPrecision(2);
   byId("high").textContent = `+${(3 * one.noise_mm).toPrecision(2)}`;
