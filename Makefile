@@ -149,7 +149,7 @@ notebooks: $(VENV)/.dev-stamp ## Execute the notebooks on results/ and keep thei
 	@$(BIN)/python -m experiments.notebooks
 
 lab: $(VENV)/.dev-stamp ## Open the notebooks in Jupyter
-	@$(BIN)/jupyter lab --notebook-dir=.
+	@$(BIN)/jupyter lab --core-mode --notebook-dir=.
 
 # Tutorials are executed and kept until their text changes; warnings, broken links and misspellings end the build.
 docs: $(VENV)/.docs-stamp ## Build the documentation into docs/_build/html (tutorials run; minutes the first time)
