@@ -68,11 +68,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     grid = itertools.product(("statistical", "radius", "median", "adaptive"), (0.02, 0.4))
     cells = [({"filter.name": f, "scan.outlier_fraction": share}, cleaned) for f, share in grid]
     results_file(out, "table1_outliers", {"scan.n_points": 5000}, runs(cells))
-    grid = itertools.product(
-        ("statistical", "radius", "median", "adaptive"), (60.0, 20.0), ("gaussian", "random", "compound")
-    )
-    cells = [({"filter.name": f, "noise.snr_db": snr, "noise.kind": n}, cleaned | ({} if n == "gaussian" else {"impulses_removed": 0.75}))
-             for f, snr, n in grid]  # fmt: skip
+    impulses: dict[str, dict] = {n: {"impulses_removed": 0.7} for n in ("random", "compound")} | {"gaussian": {}}
+    grid = itertools.product(("statistical", "radius", "median", "adaptive"), (60.0, 20.0), impulses)
+    cells = [({"filter.name": f, "noise.snr_db": snr, "noise.kind": n}, cleaned | impulses[n]) for f, snr, n in grid]
     results_file(out, "table1_noise", {"scan.n_points": 5000}, runs(cells))
     deviation = {
         "before": {"mean_mm": -0.05, "std_mm": 0.38, "within_percent": 21.0},
