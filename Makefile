@@ -166,10 +166,11 @@ release: $(VENV)/.dev-stamp ## Build and check sdist and wheel into dist/, with 
 COMPILE := $(BIN)/uv pip compile pyproject.toml --python-version 3.11 --universal --generate-hashes \
 	--no-emit-index-url --no-emit-find-links --no-annotate --no-header --quiet -c requirements/held.in
 lock: $(VENV)/.dev-stamp ## Resolve the locks in requirements/ anew (UPGRADE=1 to move versions)
-	$(COMPILE) $(if $(UPGRADE),--upgrade) --all-extras --group build --group dev -o requirements/dev.txt
+	$(COMPILE) $(if $(UPGRADE),--upgrade) --extra all --extra peers --group build --group dev -o requirements/dev.txt
 	$(COMPILE) --group build -c requirements/dev.txt -o requirements/runtime.txt
 	$(COMPILE) --group build --extra scan --extra study -c requirements/dev.txt -o requirements/study.txt
 	$(COMPILE) --group build --group docs --extra scan --extra study --extra cad -c requirements/dev.txt -o requirements/docs.txt
+	$(COMPILE) --group build --extra track -c requirements/dev.txt -o requirements/track.txt
 
 clean: ## Remove runs, caches and the environment
 	rm -rf runs .jax_cache .pytest_cache .ruff_cache build dist docs/_build docs/notebooks docs/reference/cablejax*.rst *.egg-info $(VENV)
