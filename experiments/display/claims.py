@@ -81,13 +81,12 @@ def best_removal(found: Found) -> Verdict:
     f1 = {
         name: [row["f1"] for row in results.rows(filter__name=name, scan__outlier_fraction=share)] for name in FILTERS
     }
-    told = ", ".join(
-        f"{NAMES[name].lower()} {estimate(values).mean:.3f}" for name, values in f1.items() if name != "adaptive"
-    )
+    means = {name: estimate(values).mean for name, values in f1.items()}
+    told = ", ".join(f"{NAMES[name].lower()} {mean:.3f}" for name, mean in means.items() if name != "adaptive")
     return Verdict(
         "Section IV.A.2: taken together, the adaptive filter removes noise better than the other three",
-        f"of a scan with {100 * share:g} % of outliers, about what the paper's filters take away, F1 "
-        f"{estimate(f1['adaptive']).mean:.3f}; {told}. It removes what the statistical filter removes, whose threshold many outliers raise",
+        f"of a scan with {100 * share:g} % of outliers, about what the paper's filters take away, F1 {means['adaptive']:.3f}; "
+        f"{told}. It removes what the statistical filter removes, whose threshold rises with many outliers",
         rules.verdict(_against(f1, "adaptive").values()),
     )
 
