@@ -31,10 +31,10 @@ if "XLA_FLAGS" not in os.environ:
     if jaxlib_version.__version__ in ("0.10.0", "0.10.1"):
         os.environ["XLA_FLAGS"] = CHEAP
 
-import jax
 import pytest
 
 from cablejax.jax_sums import set_flag
+from tests.compiling import compiled_for_speed
 
 set_flag()
 
@@ -49,13 +49,10 @@ def data_dir() -> Path:
 
 
 @pytest.fixture
-def optimized(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Compile for speed what this test compiles, also in its child processes."""
-    before = jax.config.read("jax_disable_most_optimizations")
-    monkeypatch.delenv("JAX_DISABLE_MOST_OPTIMIZATIONS", raising=False)
-    jax.config.update("jax_disable_most_optimizations", False)
-    yield
-    jax.config.update("jax_disable_most_optimizations", before)
+def optimized() -> Iterator[None]:
+    """Compile for speed what this test compiles."""
+    with compiled_for_speed():
+        yield
 
 
 # Where `make test` begins, with a file to each process in turn, so that no process is left alone with a long one at the end.
