@@ -201,7 +201,7 @@ def _settle(search: _Search, start: Array, shift: Array, least: int | Array, mos
     up_to = jnp.asarray(np.tri(BINS, dtype=bool)).reshape(BINS, BINS, *(1,) * start.ndim)
     below = jnp.sum(jnp.where(up_to, bins[None], 0), axis=1, dtype=jnp.int32)
     # The sums ascend: so many bins, from the first on, hold too few scores below their ends, and so many not too many.
-    numbers = jnp.sum((below < least).astype(jnp.int32) + WORD * (below <= most), axis=0, dtype=jnp.int32)
+    numbers = jnp.sum(jnp.where(below < least, 1, 0) + jnp.where(below <= most, WORD, 0), axis=0, dtype=jnp.int32)
     few, fine = numbers % WORD, numbers // WORD
 
     def end(bin_: Array) -> Array:
