@@ -2,6 +2,7 @@
 
 import gc
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -17,21 +18,23 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 
 from jaxlib import version as jaxlib_version
 
-# Nearly all of the tests' time is compiling, which XLA's older emitters do at level 1 in little more than half of the time
-# (processor seconds: knn 5.2 for 9.4, the quadric filter 10.3 for 17, a scanner's beams 3.6 for 6.1), for programs that
-# run as fast; a program in one piece for LLVM, not in 32, takes a fifth off middling ones (ten: 1.9 for 2.5), not off large.
-# Level 0 halves the rest, but its programs run 5 to 10 times slower, and one row of test_ragged.py's slow cloud then lacks
-# its nearest neighbours, with AVX2 and AVX-512 alike. `make test-portable` sets flags of its own and so tests what users
-# get. XLA aborts on a flag that it does not know, and 0.12 dropped the first one.
+# Nearly all of the tests' time is compiling. XLA's older emitters at level 0, a program in one piece for LLVM, take a quarter
+# of it (processor seconds of jaxlib 0.10.1: knn 2.0 for 5.2 at level 1 and 9.7 by default, the quadric filter 3.3 for 12.1 and
+# 15.3), for programs that run 3 to 5 times slower, which matters where a test computes much: `optimized` compiles it at level 1.
+# `make test-portable` sets flags of its own and so tests what users get. XLA aborts on a flag that it does not know, and
+# 0.12 dropped the first one.
 CHEAP = (
     "--xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=1 --xla_cpu_parallel_codegen_split_count=1"
 )
-if jaxlib_version.__version__ in ("0.10.0", "0.10.1"):
-    os.environ.setdefault("XLA_FLAGS", CHEAP)
+if "XLA_FLAGS" not in os.environ:
+    os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "true")
+    if jaxlib_version.__version__ in ("0.10.0", "0.10.1"):
+        os.environ["XLA_FLAGS"] = CHEAP
 
 import pytest
 
 from cablejax.jax_sums import set_flag
+from tests.compiling import compiled_for_speed
 
 set_flag()
 
@@ -45,26 +48,41 @@ def data_dir() -> Path:
     return folder
 
 
+@pytest.fixture
+def optimized() -> Iterator[None]:
+    """Compile for speed what this test compiles."""
+    with compiled_for_speed():
+        yield
+
+
 # Where `make test` begins, with a file to each process in turn, so that no process is left alone with a long one at the end.
 SLOWEST = (
-    "ops/test_filters.py",
-    "test_wheel.py",
-    "test_notebooks.py",
+    "ops/test_undetermined.py",
     "cli/test_cli.py",
     "nets/test_networks.py",
-    "simulate/test_surfaces.py",
+    "ops/test_filters.py",
+    "test_notebooks.py",
+    "ops/test_neighbors_switches.py",
     "batch/test_dask.py",
-    "simulate/test_part_clouds.py",
-    "ops/test_undetermined.py",
-    "ops/test_switches.py",
-    "cli/test_capacity.py",
-    "ops/test_sharded.py",
+    "test_wheel.py",
     "batch/test_folder.py",
+    "ops/test_switches.py",
+    "cli/test_schema.py",
+    "app/test_stages.py",
+    "experiments/display/test_display.py",
     "kinds/test_shell.py",
-    "cli/test_gage.py",
-    "experiments/harness/test_sweep.py",
+    "simulate/test_part_clouds.py",
     "nets/test_adgcnn_fit.py",
+    "ops/test_neighbors.py",
+    "measure/test_beam_noise.py",
+    "test_programs.py",
+    "tiles/test_denoise.py",
+    "app/test_browser.py",
+    "simulate/test_surfaces.py",
+    "experiments/harness/test_sweep.py",
     "train/test_fit.py",
+    "cli/test_gage.py",
+    "ops/test_sharded.py",
     "train/test_devices.py",
 )
 

@@ -19,6 +19,7 @@ def maps():
 
 
 @needs_maps
+@pytest.mark.usefixtures("optimized")
 def test_clouds_of_two_hundred_sizes_run_few_programs():
     rng = np.random.default_rng(0)
     points = rng.normal(size=(2300, 3)).astype(np.float32)

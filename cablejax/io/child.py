@@ -114,8 +114,27 @@ def _copc_nodes(file: BinaryIO) -> list[Any]:
 
     file.seek(0)
     reader = copc.CopcReader(file)
+    _read_pages(file, reader.root_page)
     nodes = copc.load_octree_for_query(file, reader.copc_info, reader.root_page)
     return sorted((node for node in nodes if node.point_count), key=lambda node: node.offset)
+
+
+def _read_pages(file: BinaryIO, page: Any) -> None:
+    """Put all pages of a hierarchy into the first; laspy follows one that leads to itself without end.
+
+    Raises:
+        Damaged: If an entry leads to a page that does not hold it.
+    """
+    from laspy import copc
+
+    followed = set()
+    while pointers := [entry for entry in page.entries.values() if entry.point_count == -1]:
+        for entry in pointers:
+            if entry.key in followed:
+                raise Damaged("has a damaged hierarchy: an entry leads to a page that does not hold it")
+            followed.add(entry.key)
+            file.seek(entry.offset)
+            page.entries.update(copc.HierarchyPage.from_bytes(file.read(entry.byte_size)).entries)
 
 
 def _touching(low: np.ndarray, high: np.ndarray, step: np.ndarray) -> Callable[[Any], bool]:

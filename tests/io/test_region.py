@@ -24,8 +24,7 @@ def copc(request, tmp_path_factory):
     return path
 
 
-@pytest.mark.parametrize("unit", ["mm", "m", "in"])
-@pytest.mark.parametrize("box", BOXES)
+@pytest.mark.parametrize(("box", "unit"), [*((box, "mm") for box in BOXES), ("a half", "m"), ("a slab", "in")])
 def test_a_box_holds_what_the_whole_holds_there(copc, box, unit):
     whole = read_points(copc, unit=unit).xyz_mm
     low, high = (np.array(corner) * (whole[:, 0].max() / XYZ[:, 0].max()) for corner in BOXES[box])
@@ -81,7 +80,7 @@ def test_a_damaged_hierarchy_is_told(copc, tmp_path, damage):
             data[second : second + 4] = (40).to_bytes(4, "little")  # a level that no child is on
     path = tmp_path / "a.laz"
     path.write_bytes(data)
-    with pytest.raises(PointFileError, match="damaged"):
+    with pytest.raises(PointFileError, match=r"is damaged|has a damaged"):  # and not "took longer than"
         read_region(path, np.full(3, -np.inf), np.full(3, np.inf))
 
 

@@ -7,6 +7,8 @@ import pytest
 
 from cablejax.ops import symmetric_eigen
 
+eigen_of = jax.jit(symmetric_eigen)
+
 KINDS = {
     "apart": lambda r: r.random((500, 3)),
     "of any size": lambda r: 10.0 ** r.uniform(-8, 0, (500, 3)),
@@ -34,7 +36,7 @@ def matrices(kind: str) -> np.ndarray:
 @pytest.mark.parametrize("kind", KINDS)
 def test_they_are_those_of_lapack(kind):
     given = matrices(kind)
-    values, vectors = (np.asarray(each, dtype=np.float64) for each in symmetric_eigen(jnp.asarray(given)))
+    values, vectors = (np.asarray(each, dtype=np.float64) for each in eigen_of(jnp.asarray(given)))
     exact = given.astype(np.float64)
     largest = np.abs(np.linalg.eigvalsh(exact)).max(axis=1)[:, None] + 1e-300
     # Some tens of roundings of 6e-8.
@@ -60,18 +62,19 @@ def test_derivatives_are_those_of_lapack_and_finite_where_eigenvalues_are_equal(
         values, columns = jnp.linalg.eigh(given)
         return values, jnp.swapaxes(columns, -1, -2)
 
-    ours, theirs = (jax.grad(cost(eigen))(given) for eigen in (symmetric_eigen, by_lapack))
+    ours, theirs = (jax.jit(jax.grad(cost(eigen)))(given) for eigen in (symmetric_eigen, by_lapack))
     # Where two eigenvalues lie a hundredth apart the derivative is a hundred times as large, and so is its error.
     np.testing.assert_allclose(ours, theirs, rtol=2e-3, atol=2e-3)
+    gradient = jax.jit(jax.grad(cost(symmetric_eigen)))
     for kind in ("a line", "a plane", "a ball", "nothing"):
-        assert np.isfinite(np.asarray(jax.grad(cost(symmetric_eigen))(jnp.asarray(matrices(kind))))).all()
+        assert np.isfinite(np.asarray(gradient(jnp.asarray(matrices(kind))))).all()
 
 
 def test_under_vmap_and_x64():
     given = jnp.asarray(matrices("apart"))
     with jax.enable_x64():
-        values, vectors = jax.vmap(symmetric_eigen)(given)
+        values, vectors = jax.jit(jax.vmap(symmetric_eigen))(given)
         assert values.dtype == vectors.dtype == jnp.float32
-        double = symmetric_eigen(given.astype(jnp.float64)).values
-    np.testing.assert_allclose(values, symmetric_eigen(given).values, atol=1e-6)
+        double = eigen_of(given.astype(jnp.float64)).values
+    np.testing.assert_allclose(values, eigen_of(given).values, atol=1e-6)
     np.testing.assert_allclose(double, np.linalg.eigvalsh(np.asarray(given, dtype=np.float64)), atol=1e-13)

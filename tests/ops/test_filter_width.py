@@ -10,6 +10,7 @@ from cablejax.ops.filter_width import LIFT, PILOT, SHARES, pilot_rows
 from cablejax.types import PointCloud
 
 M = 400
+alpha_of = jax.jit(choose_alpha)
 
 
 def trial(loss, noise=0.01, local=1.0):
@@ -31,26 +32,26 @@ def valley(place, depth=1.0):
 @pytest.mark.parametrize("place", [2.0, 4.3, 7.8])
 def test_the_lowest_loss_is_found_between_the_widths(place):
     share = SHARES[0] * 1.25**place
-    np.testing.assert_allclose(choose_alpha(trial(valley(place))), share, rtol=0.02)
+    np.testing.assert_allclose(alpha_of(trial(valley(place))), share, rtol=0.02)
 
 
 def test_the_width_grows_where_the_noise_is_no_longer_small():
     share = SHARES[5]
     expected = share * np.sqrt(1 + LIFT * (0.4 / share) ** 4)
-    np.testing.assert_allclose(choose_alpha(trial(valley(5.0), noise=0.4)), expected, rtol=0.02)
+    np.testing.assert_allclose(alpha_of(trial(valley(5.0), noise=0.4)), expected, rtol=0.02)
 
 
 def test_a_kernel_narrower_than_the_noise_is_not_believed():
     loss = valley(6.0)
     loss[:2] = 0.1
     noise = np.where(np.arange(len(SHARES)) < 2, 0.5, 0.05)
-    np.testing.assert_allclose(choose_alpha(trial(loss, noise=noise)), SHARES[6], rtol=0.02)
+    np.testing.assert_allclose(alpha_of(trial(loss, noise=noise)), SHARES[6], rtol=0.02)
 
 
 def test_one_point_in_a_hundred_does_not_count():
     strays = trial(valley(5.0))
     loss = strays.loss.at[:, :3].set(jnp.asarray(1e3 * valley(11.0), jnp.float32)[:, None])
-    np.testing.assert_allclose(choose_alpha(strays._replace(loss=loss)), choose_alpha(strays), rtol=0.02)
+    np.testing.assert_allclose(alpha_of(strays._replace(loss=loss)), alpha_of(strays), rtol=0.02)
 
 
 def test_rows_without_a_point_do_not_count_and_none_gives_one():
@@ -60,8 +61,8 @@ def test_rows_without_a_point_do_not_count_and_none_gives_one():
         jnp.concatenate([plain.noise, jnp.full((len(SHARES), 50), 7.0)], axis=1),
         jnp.concatenate([plain.local, jnp.zeros(50)]),
     )
-    np.testing.assert_allclose(choose_alpha(more), choose_alpha(plain), rtol=1e-4)
-    assert float(choose_alpha(trial(valley(5.0), local=0.0))) == 1.0
+    np.testing.assert_allclose(alpha_of(more), alpha_of(plain), rtol=1e-4)
+    assert float(alpha_of(trial(valley(5.0), local=0.0))) == 1.0
 
 
 def test_usual_noise_is_a_tenth_percentile_at_the_width():
@@ -73,7 +74,7 @@ def test_usual_noise_is_a_tenth_percentile_at_the_width():
 
 def test_no_gradient_flows():
     plain = trial(valley(5.0))
-    assert not np.asarray(jax.grad(lambda loss: choose_alpha(plain._replace(loss=loss)))(plain.loss)).any()
+    assert not np.asarray(jax.grad(lambda loss: alpha_of(plain._replace(loss=loss)))(plain.loss)).any()
 
 
 @pytest.mark.parametrize("count", [0, 1, 100, PILOT - 1, PILOT, PILOT + 1, 53_135, 2_000_000_000])

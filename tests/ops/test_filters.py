@@ -91,7 +91,7 @@ def test_padding_and_points_that_are_not_finite_come_back_unchanged(order):
 
 @pytest.mark.parametrize(("radius", "noise"), [(15.0, 0.385), (2.5, 0.05), (60.0, 0.1)])
 def test_order_two_keeps_the_diameter_and_order_zero_does_not(radius, noise):
-    points = half_cylinder(4000, radius=radius, noise=noise, length=1.5 * radius)
+    points = half_cylinder(2000, radius=radius, noise=noise, length=1.5 * radius)
     xyz = [np.asarray(adaptive_filter(exact(points), order=o).xyz, dtype=np.float64) for o in (0, 2)]
     inside = (points[:, 2] > 0.2 * radius) & (points[:, 2] < 1.3 * radius) & (points[:, 1] > 0.3 * radius)
     shrunk, kept = ((np.hypot(p[:, 0], p[:, 1]) - radius)[inside] for p in xyz)
@@ -193,7 +193,7 @@ def test_neighbours_found_before_are_the_same():
 
 def test_the_width_follows_the_noise_and_the_curvature():
     widths = [
-        float(jnp.median(adaptive_filter(exact(half_cylinder(4000, radius=r, noise=s)), order=2).width))
+        float(jnp.median(adaptive_filter(exact(half_cylinder(2000, radius=r, noise=s)), order=2).width))
         for r, s in ((7.5, 0.385), (7.5, 0.8), (30.0, 0.385))
     ]
     assert widths[1] > 1.1 * widths[0]

@@ -11,6 +11,8 @@ from cablejax.types import Status
 
 N = 256
 frame_of = jax.jit(cylinder_frame)
+taps_of = jax.jit(raster_taps, static_argnames=("shape", "half_length"))
+raster_of = jax.jit(cylinder_raster, static_argnames="shape")
 
 
 def cable(radius, *, arc_deg=180.0, length=80.0, noise=0.0, bend=0.0, outliers=0, seed=0):
@@ -73,7 +75,7 @@ def test_frame_reports_what_it_cannot_fit():
 
 def test_principal_frame_is_a_rotation_along_the_cable():
     xyz, _ = cable(12.0, seed=4)
-    _, rotation = principal_frame(jnp.asarray(xyz, jnp.float32))
+    _, rotation = jax.jit(principal_frame)(jnp.asarray(xyz, jnp.float32))
     np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-5)
     assert float(jnp.linalg.det(rotation)) == pytest.approx(1.0, abs=1e-5)
 
@@ -83,7 +85,7 @@ def test_taps_are_bilinear_and_wrap_around():
     # The centre of cell (1, 3); the seam between columns 7 and 0; beyond the end; padding.
     axial = jnp.array([-0.25, -0.25, 1.5, 0.0])
     angle = jnp.array([3.5 * 2 * np.pi / 8, 0.0, 0.0, 0.0])
-    taps = raster_taps(axial, angle, jnp.array([True, True, True, False]), shape=shape, half_length=1.0)
+    taps = taps_of(axial, angle, jnp.array([True, True, True, False]), shape=shape, half_length=1.0)
     dense = np.zeros((4, 32))
     for row in range(4):
         np.add.at(dense[row], np.asarray(taps.cells[row]), np.asarray(taps.shares[row]))
@@ -97,18 +99,19 @@ def test_raster_of_a_constant_is_that_constant_where_there_are_points():
     key = jax.random.key(0)
     axial = jax.random.uniform(key, (64,), minval=-1.0, maxval=1.0)
     angle = jax.random.uniform(jax.random.key(1), (64,), minval=-np.pi, maxval=np.pi)
-    taps = raster_taps(axial, angle, shape=(3, 5), half_length=1.0)
-    grid, occupancy = cylinder_raster(jnp.full((64, 2), 7.0), taps, shape=(3, 5))
+    taps = taps_of(axial, angle, shape=(3, 5), half_length=1.0)
+    grid, occupancy = raster_of(jnp.full((64, 2), 7.0), taps, shape=(3, 5))
     filled = np.asarray(occupancy) > 1e-3
     np.testing.assert_allclose(np.asarray(grid)[filled], 7.0, rtol=1e-6)
     np.testing.assert_allclose(occupancy.sum(), 64.0, rtol=1e-6)
-    back = sample_raster(grid, taps)
+    back = jax.jit(sample_raster)(grid, taps)
     np.testing.assert_allclose(back, 7.0, rtol=1e-6)
 
 
 def test_raster_is_differentiable_both_ways():
-    taps = raster_taps(jnp.array([0.1, -0.4]), jnp.array([0.3, 2.0]), shape=(3, 4), half_length=1.0)
+    taps = taps_of(jnp.array([0.1, -0.4]), jnp.array([0.3, 2.0]), shape=(3, 4), half_length=1.0)
 
+    @jax.jit
     def through(features):
         return jnp.sum(sample_raster(cylinder_raster(features, taps, shape=(3, 4))[0], taps) ** 2)
 
@@ -126,5 +129,5 @@ def test_a_nearly_flat_side_is_no_huge_cylinder():
     rng = np.random.default_rng(0)
     angle, along = np.radians(rng.uniform(-1.5, 1.5, 200)), rng.uniform(-90, 90, 200)
     xyz = np.stack([along, 1000 * np.cos(angle), 1000 * np.sin(angle)], axis=1)
-    frame = cylinder_frame(jnp.asarray(xyz - xyz.mean(axis=0), jnp.float32))
+    frame = frame_of(jnp.asarray(xyz - xyz.mean(axis=0), jnp.float32))
     assert float(jnp.max(frame.radius)) < 200

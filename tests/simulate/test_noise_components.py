@@ -18,6 +18,7 @@ TUBE = cache(
 )  # made when asked for, not on import
 measure_many = jax.jit(jax.vmap(measure, in_axes=(None, 0, None, 0)))
 sweep = jax.jit(sweep_beams, static_argnames=("lines", "columns"))
+plan_of = jax.jit(raster, static_argnames="columns")
 
 
 def numbers(**changes):
@@ -125,7 +126,7 @@ def test_each_sweep_is_shifted_as_a_whole():
 
 def test_repeated_sweep_covers_one_window():
     luck = jax.random.uniform(jax.random.key(1), (2, 104))
-    plan = raster(jnp.float32(100.0), jnp.float32(0.0), jnp.float32(0.4), luck, columns=5)
+    plan = plan_of(jnp.float32(100.0), jnp.float32(0.0), jnp.float32(0.4), luck, columns=5)
     arc, again = np.asarray(plan.arc_mm).reshape(2, 100, 5), np.asarray(plan.sweep).reshape(2, 100, 5) == 1
     assert again.mean() == pytest.approx(0.4)
     for station in range(2):
@@ -136,7 +137,7 @@ def test_repeated_sweep_covers_one_window():
 
 def test_uneven_speed_keeps_order_and_ends():
     luck = jax.random.uniform(jax.random.key(2), (1, 404))
-    plan = raster(jnp.float32(100.0), jnp.float32(0.9), jnp.float32(0.0), luck, columns=1)
+    plan = plan_of(jnp.float32(100.0), jnp.float32(0.9), jnp.float32(0.0), luck, columns=1)
     gaps = np.diff(np.asarray(plan.arc_mm))
     assert gaps.min() > 0
     assert gaps.max() / gaps.min() > 1.5
@@ -144,7 +145,7 @@ def test_uneven_speed_keeps_order_and_ends():
 
 
 def test_outliers_hang_two_mm_and_an_exponential_off():
-    air = hang_in_air(TUBE(), jax.random.key(4), count=MANY)
+    air = jax.jit(hang_in_air, static_argnames="count")(TUBE(), jax.random.key(4), count=MANY)
     height = np.asarray(jax.vmap(TUBE().signed_distance)(air), np.float64) - 2.0
     assert height.min() > -1e-3
     assert height.mean() == pytest.approx(15.0, rel=0.03)
@@ -156,7 +157,7 @@ def test_too_few_returns_become_padding():
                  jax.random.key(0), lines=20, columns=8)  # fmt: skip
     some = int(back.valid.sum())
     assert 0 < some < 100
-    rows = choose_rows(back, jnp.zeros((200, 3)) + 7.0, jnp.int32(10), jax.random.key(1))
+    rows = jax.jit(choose_rows)(back, jnp.zeros((200, 3)) + 7.0, jnp.int32(10), jax.random.key(1))
     assert int(rows.is_outlier.sum()) == 10
     assert int(rows.is_padding.sum()) == 190 - some
     kept = np.asarray(rows.xyz_mm)[~np.asarray(rows.is_padding | rows.is_outlier)]

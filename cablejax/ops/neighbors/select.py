@@ -194,23 +194,25 @@ def _settle(search: _Search, start: Array, shift: Array, least: int | Array, mos
     """Read the histogram: settle rows with a good edge, and tighten the brackets of the others."""
     # Bins of four bits become bytes, which hold the sum of sixteen columns.
     halves = search.counts.reshape(*search.counts.shape[:-1], 2, WORD // 2)
-    fields = [jnp.sum((halves >> bits) & 0x0F0F0F0F, axis=-1, dtype=jnp.uint32) for bits in (0, 4)]
-    edge, low, high = search.edge, search.low, search.high
-    below = jnp.zeros(edge.shape, dtype=jnp.int32)
-    for i in range(BINS):
-        byte = ((fields[i % 2] >> 8 * (i // 2)) & 0xFF).astype(jnp.int32)
-        below = reduce(add, (byte[..., g, half] for g in range(byte.shape[-2]) for half in (0, 1)), below)
-        end = start.astype(jnp.uint32) + (jnp.uint32(i + 1) << shift.astype(jnp.uint32))
-        end = (
-            jnp.minimum(end, INFINITE).astype(jnp.int32)
-            if i < BINS - 1
-            else jnp.full(below.shape, INFINITE, dtype=jnp.int32)
-        )
-        fits = (below <= most) & ((below >= least) if i < BINS - 1 else True)
-        edge = lax.select(fits & (edge < 0), end, edge)
-        low = lax.select(below < least, jnp.maximum(low, end), low)
-        high = lax.select(below > most, jnp.minimum(high, end), high)
-    edge = lax.select((high - low <= 1) & (edge < 0), low, edge)
+    fields = jnp.stack([jnp.sum((halves >> bits) & 0x0F0F0F0F, axis=-1, dtype=jnp.uint32) for bits in (0, 4)])
+    byte = jnp.arange(0, WORD, 8, dtype=jnp.uint32).reshape((-1, *(1,) * fields.ndim))
+    bins = jnp.sum((fields[None] >> byte) & 0xFF, axis=(-2, -1), dtype=jnp.uint32).astype(jnp.int32)
+    bins = bins.reshape(BINS, *start.shape)  # along the first axis, so that all work on rows is vectorised
+    up_to = jnp.asarray(np.tri(BINS, dtype=bool)).reshape(BINS, BINS, *(1,) * start.ndim)
+    below = jnp.sum(jnp.where(up_to, bins[None], 0), axis=1, dtype=jnp.int32)
+    # The sums ascend: so many bins, from the first on, hold too few scores below their ends, and so many not too many.
+    numbers = jnp.sum(jnp.where(below < least, 1, 0) + jnp.where(below <= most, WORD, 0), axis=0, dtype=jnp.int32)
+    few, fine = numbers % WORD, numbers // WORD
+
+    def end(bin_: Array) -> Array:
+        within = start.astype(jnp.uint32) + ((bin_ + 1).astype(jnp.uint32) << shift.astype(jnp.uint32))
+        return jnp.where(bin_ < BINS - 1, jnp.minimum(within, INFINITE).astype(jnp.int32), INFINITE)
+
+    low = jnp.where(few > 0, jnp.maximum(search.low, end(few - 1)), search.low)
+    high = jnp.where(fine < BINS, jnp.minimum(search.high, end(fine)), search.high)
+    fits = (few < fine) | (fine == BINS)  # the last bin's edge will do where all scores together are too few
+    edge = jnp.where(fits, end(jnp.minimum(few, BINS - 1)), jnp.where(high - low <= 1, low, -1))
+    edge = jnp.where(search.edge >= 0, search.edge, edge)
     nothing_counted = search.step < 0
     now = ((edge, search.edge), (low, search.low), (high, search.high))
     edge, low, high = (jnp.where(nothing_counted, old, new) for new, old in now)

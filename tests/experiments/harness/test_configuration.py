@@ -2,6 +2,7 @@
 
 import sys
 from dataclasses import fields
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -21,6 +22,7 @@ SHARED = {"networks"}  # what several experiments start from, none itself
 EXPERIMENTS = sorted({path.stem for path in (CONF / "experiment").glob("*.yaml")} - SHARED)
 
 
+@cache
 def compose_config(*overrides: str) -> schema.Config:
     schema.register()
     with initialize_config_dir(str(CONF), version_base="1.3"):
