@@ -101,7 +101,8 @@ def outlier_shares(results: Results) -> Drawing:
         figure,
         "F1 of outlier removal and the share of points removed against the share of outliers, for four filters.",
         "Left, how well each filter finds the outliers, mean over seeds with its 95 % interval; right, how many points it takes "
-        "away. Thresholds are those chosen at 2 %; the adaptive filter removes what the statistical one does. The grey band is what the paper's filters take from its own scan.",
+        "away. Thresholds are those chosen at 2 %; the adaptive filter removes what the statistical one does. The grey band is "
+        "what the paper's filters take from its own scan.",
     )
 
 
