@@ -18,13 +18,14 @@ import numpy as np
 from flax import nnx
 
 from cablejax.io import atomic_write, read_json, write_json
-from cablejax.nets.pretrained import LICENCE, arrays_of, filled, network_of
+from cablejax.nets.pretrained import LICENCE, arrays_of, calibrated, filled, network_of
 from cablejax.simulate import PartSplit, Split
 from cablejax.simulate.clouds import VERSIONS
 from cablejax.train import evaluate, initialise_from
 from cablejax.train.metrics import predict
 from experiments import ROOT, parts
 from experiments.analysis.inference import wilson
+from experiments.calibration import calibration_clouds, logits_of, temperature_of
 from experiments.collect import CollectError, flatten
 from experiments.harness.revision import is_clean
 from experiments.harness.runs import RECORD
@@ -45,12 +46,14 @@ class Published:
         module: Whose run trains it.
         about: What it does, in a sentence.
         limits: What it is not made for.
+        calibrated: Whether a temperature is fitted on validation clouds.
     """
 
     kind: str
     module: str
     about: str
     limits: str
+    calibrated: bool = False
 
 
 PUBLISHED = {
@@ -69,6 +72,7 @@ PUBLISHED = {
         "arcs with noise, beside walls and other cables.",
         "Simulated clouds alone were seen in training: 8.7/15 kV single-core cables of 25 to 630 mm2, arcs of 60 to 120 "
         "degrees, range noise of 0.3 to 0.6 mm, 120 to 250 mm of cable that is the longest thing in the cloud.",
+        calibrated=True,
     ),
     "parts": Published(
         "parts",
@@ -105,6 +109,11 @@ def publish(name: str, folder: Path, *, weights: Path = WEIGHTS, golden: Path = 
         raise CollectError(f"{folder}: holds nothing that fits {trained.kept[0]} of the network")
     arrays = arrays_of(trained.model)
     stored, data = filled(network_of(described), arrays, source=name), _archive(arrays)
+    if this.calibrated:
+        validation = calibration_clouds(cfg)
+        temperature = temperature_of(logits_of(stored, validation), np.asarray(validation.label))
+        described |= {"temperature": temperature, "calibrated_on": f"{len(validation.label)} validation clouds"}
+        stored = calibrated(stored, described)
     card = {
         "name": name,
         "about": this.about,
