@@ -4,7 +4,8 @@
     python -m experiments.calibration [--runs runs] [--out results]
 
 Of every finished run the temperature is fitted on clouds of the validation stream, more of them than training looked at, and
-then judged once on the run's test clouds. Kept in `<out>/calibration.json`; `experiments.publish` stores it with the weights.
+then judged once on the run's test clouds, and on new ones, more and of other seeds, for the test clouds called with 90 %
+certainty are few. Kept in `<out>/calibration.json`; `experiments.publish` stores it with the weights.
 """
 
 import argparse
@@ -31,6 +32,7 @@ from experiments.rejection import TRAINED, reliability, trained
 
 PER_CLASS = 128  # validation clouds of each size: one temperature wants more than the choice of an epoch
 BATCH = 32
+SPLITS: tuple[str, ...] = ("validation", "test", "new")
 
 
 def logits_of(network: nnx.Module, split: Split) -> Float[np.ndarray, "clouds classes"]:
@@ -57,10 +59,17 @@ def calibration_clouds(cfg: Config) -> Split:
     return held_out(replace(cfg, dataset=replace(cfg.dataset, validation_per_class=PER_CLASS)), "validation")
 
 
-def judged(network: nnx.Module, validation: Split, test: Split) -> dict[str, Any]:
-    """Temperature of a network, and its reliability before and after on both splits."""
-    said = {"validation": logits_of(network, validation), "test": logits_of(network, test)}
-    label = {"validation": np.asarray(validation.label), "test": np.asarray(test.label)}
+def new_clouds(cfg: Config) -> Split:
+    """`PER_CLASS` test clouds of each size from another seed of the simulator."""
+    return held_out(
+        replace(cfg, dataset=replace(cfg.dataset, seed=cfg.dataset.seed + 1, test_per_class=PER_CLASS)), "test"
+    )
+
+
+def judged(network: nnx.Module, splits: dict[str, Split]) -> dict[str, Any]:
+    """Temperature of a network by the split "validation", and its reliability before and after on all splits."""
+    said = {name: logits_of(network, split) for name, split in splits.items()}
+    label = {name: np.asarray(split.label) for name, split in splits.items()}
     temperature = temperature_of(said["validation"], label["validation"])
     return {
         "temperature": temperature,
@@ -75,7 +84,7 @@ def judged(network: nnx.Module, validation: Split, test: Split) -> dict[str, Any
 def together(rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Of the clouds that all seeds together call with 90 % certainty, the share called rightly, with its 95 % interval."""
     found = {}
-    for key in ("validation_before", "validation_after", "test_before", "test_after"):
+    for key in (f"{name}_{when}" for name in SPLITS for when in ("before", "after")):
         called, right = (sum(row[key][name] for row in rows) for name in ("called_90", "called_90_right"))
         share = wilson(right, called)
         found[key] = {"called": called, "right": right, "share": share.value, "interval_95": [share.low, share.high]}
@@ -93,9 +102,10 @@ def run(runs: Path, out: Path, *, size: str) -> dict[str, Any]:
     for revision in (record["code_revision"], code_revision()):
         if not is_clean(revision):
             raise CollectError(f"{TRAINED}: made by uncommitted code ({revision}); commit and run again")
-    validation, test, rows = calibration_clouds(first), held_out(first, "test"), []
+    clouds = (calibration_clouds(first), held_out(first, "test"), new_clouds(first))
+    splits, rows = dict(zip(SPLITS, clouds, strict=True)), []
     for cfg, network, _ in networks:
-        rows.append({"seed": cfg.seed, **judged(network, validation, test)})
+        rows.append({"seed": cfg.seed, **judged(network, splits)})
         print(f"seed {cfg.seed}: temperature {rows[-1]['temperature']:.3f}", file=sys.stderr, flush=True)
     result = {
         "experiment": "calibration",
@@ -105,8 +115,7 @@ def run(runs: Path, out: Path, *, size: str) -> dict[str, Any]:
         "trained_by": record["code_revision"],
         "provenance": {k: v for k, v in provenance(seeds=[]).items() if k not in ("seeds", "git")},
         "config": {k: v for k, v in flatten(record["config"]).items() if k != "seed"},
-        "validation_clouds": len(validation.label),
-        "test_clouds": len(test.label),
+        "clouds": {name: len(split.label) for name, split in splits.items()},
         "together": together(rows),
         "runs": rows,
     }

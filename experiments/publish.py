@@ -10,7 +10,7 @@ import argparse
 import hashlib
 import io
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from cablejax.io import atomic_write, read_json, write_json
 from cablejax.nets.pretrained import LICENCE, arrays_of, calibrated, filled, network_of
 from cablejax.simulate import PartSplit, Split
 from cablejax.simulate.clouds import VERSIONS
+from cablejax.simulate.part_scenes import diameters_mm
 from cablejax.train import evaluate, initialise_from
 from cablejax.train.metrics import predict
 from experiments import ROOT, parts
@@ -31,10 +32,11 @@ from experiments.harness.revision import is_clean
 from experiments.harness.runs import RECORD
 from experiments.harness.schema import Config, from_flat
 from experiments.material.training import fitted_options, held_out
+from experiments.pretrain import RADIUS_MM, modelnet
 
 WEIGHTS = ROOT / "cablejax" / "nets" / "weights"
 GOLDEN = ROOT / "tests" / "golden"
-SAMPLE = {"classifier": 39, "parts": 8}  # clouds by which a test knows the network again
+SAMPLE = {"classifier": 39, "parts": 8, "backbone": 13}  # clouds by which a test knows the network again
 
 
 @dataclass(frozen=True)
@@ -42,11 +44,12 @@ class Published:
     """A network of the package.
 
     Attributes:
-        kind: "classifier" or "parts".
+        kind: "classifier", "parts" or "backbone".
         module: Whose run trains it.
         about: What it does, in a sentence.
         limits: What it is not made for.
         calibrated: Whether a temperature is fitted on validation clouds.
+        data: What it was trained on.
     """
 
     kind: str
@@ -54,6 +57,7 @@ class Published:
     about: str
     limits: str
     calibrated: bool = False
+    data: str = "made by the simulator of this package; nothing of another maker"
 
 
 PUBLISHED = {
@@ -81,6 +85,15 @@ PUBLISHED = {
         "Simulated scenes alone were seen in training. A joint's barrel by itself looks like a thicker cable, and which of two "
         "cables is meant no label can tell.",
     ),
+    "modelnet10": Published(
+        "backbone",
+        "experiments.pretrain",
+        "ADGCNN's edge convolutions trained to tell the ten classes of ModelNet10 apart: a start for other clouds "
+        "(`cablejax.nets.filled`, `training.init_from`).",
+        "Sampled from meshes, without noise or occlusion; each cloud centred and scaled to a radius of 60 mm.",
+        data="ModelNet10's official training clouds (Wu et al. 2015), which are for academic research: what was learnt from them "
+        "should be used likewise",
+    ),
 }
 
 
@@ -103,7 +116,7 @@ def publish(name: str, folder: Path, *, weights: Path = WEIGHTS, golden: Path = 
     if not is_clean(record["code_revision"]):
         raise CollectError(f"{folder}: made by uncommitted code ({record['code_revision']}); commit and run again")
     cfg, this = from_flat(flatten(record["config"])), PUBLISHED[name]
-    described, test = (_classifier if this.kind == "classifier" else _labeller)(cfg, record["metrics"])
+    described, test = DESCRIBED[this.kind](cfg, record["metrics"])
     trained = initialise_from(network_of(described), folder)
     if trained.kept:
         raise CollectError(f"{folder}: holds nothing that fits {trained.kept[0]} of the network")
@@ -122,7 +135,7 @@ def publish(name: str, folder: Path, *, weights: Path = WEIGHTS, golden: Path = 
         "seed": cfg.seed,
         "seeds": _seeds(record, folder, described, test),
         "limits": this.limits,
-        "data": "made by the simulator of this package; nothing of another maker",
+        "data": this.data,
         "command": f"python -m {this.module} experiment={cfg.name} size={cfg.size} seed={cfg.seed}",
         "code_revision": record["code_revision"],
         "licence": LICENCE,
@@ -133,7 +146,13 @@ def publish(name: str, folder: Path, *, weights: Path = WEIGHTS, golden: Path = 
     with atomic_write(weights / f"{name}.npz") as file:
         file.write(data)
     write_json(weights / f"{name}.json", card)
-    _write_sample(golden / f"pretrained_{name}.npz", stored, test, SAMPLE[this.kind])
+    _write_sample(
+        golden / f"pretrained_{name}.npz",
+        stored,
+        _samples(cfg, test, this.kind),
+        SAMPLE[this.kind],
+        own=this.kind != "backbone",
+    )
     return card
 
 
@@ -165,9 +184,26 @@ def _classifier(cfg: Config, metrics: dict[str, Any]) -> tuple[dict[str, Any], S
 
 def _labeller(cfg: Config, metrics: dict[str, Any]) -> tuple[dict[str, Any], PartSplit]:
     """What the card says of a network that labels points, and its test clouds."""
-    clouds = {"n_points": cfg.parts.n_points, "ball_mm": cfg.parts.ball_mm, "train": cfg.parts.train}
+    clouds = {
+        "mix": cfg.parts.mix,
+        "n_points": cfg.parts.n_points,
+        "ball_mm": cfg.parts.ball_mm,
+        "train": cfg.parts.train,
+        "diameter_mm": list(diameters_mm(wide=cfg.parts.mix == "wide")),
+    }
     card = {"model": "parts", "options": dict(cfg.model.options), "classes": metrics["parts"], "clouds": clouds}
     return card, parts.clouds(cfg, "test")
+
+
+def _backbone(cfg: Config, metrics: dict[str, Any]) -> tuple[dict[str, Any], Split]:
+    """What the card says of a network that was trained on ModelNet10, and the tenth that was held out for its test."""
+    clouds = {"n_points": cfg.dataset.n_points, "radius_mm": RADIUS_MM, "train": metrics["train_clouds"]}
+    options = {**cfg.model.options, "pose": "none"}
+    card = {"model": cfg.model.name, "options": options, "classes": metrics["classes"], "clouds": clouds}
+    return card, modelnet(cfg.dataset.n_points, cfg.seed, held_out=2)[1][1]
+
+
+DESCRIBED = {"classifier": _classifier, "parts": _labeller, "backbone": _backbone}
 
 
 def _accuracy(network: nnx.Module, test: Split | PartSplit, kind: str) -> dict[str, Any]:
@@ -208,12 +244,20 @@ def _archive(arrays: dict[str, np.ndarray]) -> bytes:
     return buffer.getvalue()
 
 
-def _write_sample(path: Path, network: nnx.Module, test: Split | PartSplit, count: int) -> None:
-    """The first test clouds with what the stored weights say of them."""
+def _samples(cfg: Config, test: Split | PartSplit, kind: str) -> Split | PartSplit:
+    """Clouds by which a test knows a network again: test clouds, or where those are another's pieces of cable."""
+    return (
+        held_out(replace(cfg, dataset=replace(cfg.dataset, test_per_class=1)), "test") if kind == "backbone" else test
+    )
+
+
+def _write_sample(path: Path, network: nnx.Module, test: Split | PartSplit, count: int, *, own: bool) -> None:
+    """The first clouds with what the stored weights say of them; labels are theirs where the classes are the network's `own`."""
     head = test._replace(**{key: each[:count] for key, each in test._asdict().items() if each is not None})
     graphdef, state = nnx.split(network)
     logits = predict(graphdef, state, head, batch_size=count)[0]
     xyz, mask, label = (np.asarray(each) for each in (head.xyz, head.mask, head.label))
+    label = label if own else logits.argmax(axis=-1).astype(label.dtype)
     np.savez_compressed(path, xyz=xyz, mask=mask, label=label, logits=logits.astype(np.float32))
 
 

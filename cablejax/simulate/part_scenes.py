@@ -193,6 +193,12 @@ def _other_numbers(numbers: dict[str, Array], rng: np.random.Generator) -> dict[
     return {**numbers, **{name: jnp.float32(value) for name, value in changed.items()}}
 
 
+def diameters_mm(*, wide: bool) -> tuple[float, float]:
+    """Least and greatest diameter of the scanned cables."""
+    sizes = [cable.diameter_mm for cable in catalogue()]
+    return WIDE_DIAMETERS_MM if wide else (0.8 * min(sizes), 1.2 * max(sizes))
+
+
 def draw_scene(rng: np.random.Generator, *, wide: bool) -> Drawn:
     """A scene: any diameter around the catalogue's, bends from 10 D, a dressing, surroundings, a scanner, a view.
 
@@ -201,9 +207,8 @@ def draw_scene(rng: np.random.Generator, *, wide: bool) -> Drawn:
         wide: Cables of `WIDE_DIAMETERS_MM`, and `BESIDE` them what is round or flat and no cable; five scanners of other
             noise, holes, and scans without the cable.
     """
-    sizes = [cable.diameter_mm for cable in catalogue()]
-    low, high = WIDE_DIAMETERS_MM
-    diameter = low * (high / low) ** rng.uniform() if wide else rng.uniform(0.8 * min(sizes), 1.2 * max(sizes))
+    low, high = diameters_mm(wide=wide)
+    diameter = low * (high / low) ** rng.uniform() if wide else rng.uniform(low, high)
     length = rng.uniform(250.0, 550.0)
     bends = rng.uniform(-1.0, 1.0, 2) / (10 * diameter)
     accessory = ACCESSORIES[rng.choice(len(ACCESSORIES), p=[0.45, 0.12, 0.08, 0.1, 0.13, 0.12])]
