@@ -88,8 +88,8 @@ PUBLISHED = {
     "modelnet10": Published(
         "backbone",
         "experiments.pretrain",
-        "ADGCNN's edge convolutions trained to tell the ten classes of ModelNet10 apart: a start for other clouds "
-        "(`cablejax.nets.filled`, `training.init_from`).",
+        "ADGCNN's edge convolutions trained to tell the ten classes of ModelNet10 apart: a backbone to start networks "
+        "for other clouds from.",
         "Sampled from meshes, without noise or occlusion; each cloud centred and scaled to a radius of 60 mm.",
         data="ModelNet10's official training clouds (Wu et al. 2015), which are for academic research: what was learnt from them "
         "should be used likewise",
