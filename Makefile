@@ -78,10 +78,12 @@ check: lint test ## Everything that must pass before a commit
 
 # One target per table and figure: the sweep, then its results file. SEEDS="range(10)" for more seeds than the file says.
 OWN := table1_filtering table2_3_deviation diameter robustness
+TABLE1 := table1_outliers table1_noise
 TRAINED := fig5_alexnet fig6_vgg16 fig7_resnet50 fig8_adgcnn standard_adgcnn hard_adgcnn fig13_optimizers optimizer_search optimizer_study ablation
 WITH_DATA := fig13_transfer
-EXPERIMENTS := $(OWN) $(TRAINED) $(WITH_DATA)
+EXPERIMENTS := $(OWN) $(TABLE1) $(TRAINED) $(WITH_DATA)
 $(OWN): MODULE = $@
+$(TABLE1): MODULE = table1_filtering
 $(TRAINED) $(WITH_DATA): MODULE = train
 $(EXPERIMENTS): $(VENV)/.run-stamp
 	@$(BIN)/python -m experiments.$(MODULE) -m experiment=$@ size=$(SIZE) $(if $(SEEDS),"seed=$(SEEDS)")
@@ -89,6 +91,8 @@ $(EXPERIMENTS): $(VENV)/.run-stamp
 .PHONY: $(EXPERIMENTS)
 # The seeds of the committed files, where the experiment's own are fewer.
 table1_filtering table2_3_deviation: SEEDS ?= range(10)
+table1_outliers: SEEDS ?= range(8)
+table1_noise: SEEDS ?= range(5)
 diameter ablation fig13_optimizers: SEEDS ?= range(3)
 
 # The loss curves of Figures 9-12 are of the runs of Figures 5-8.
@@ -150,7 +154,7 @@ notebooks: $(VENV)/.dev-stamp ## Execute the notebooks on results/ and keep thei
 	@$(BIN)/python -m experiments.notebooks
 
 lab: $(VENV)/.dev-stamp ## Open the notebooks in Jupyter
-	@$(BIN)/jupyter lab --notebook-dir=.
+	@$(BIN)/jupyter lab --core-mode --notebook-dir=.
 
 # Tutorials are executed and kept until their text changes; warnings, broken links and misspellings end the build.
 docs: $(VENV)/.docs-stamp ## Build the documentation into docs/_build/html (tutorials run; minutes the first time)
@@ -164,10 +168,11 @@ release: $(VENV)/.dev-stamp ## Build and check sdist and wheel into dist/, with 
 COMPILE := $(BIN)/uv pip compile pyproject.toml --python-version 3.11 --universal --generate-hashes \
 	--no-emit-index-url --no-emit-find-links --no-annotate --no-header --quiet -c requirements/held.in
 lock: $(VENV)/.dev-stamp ## Resolve the locks in requirements/ anew (UPGRADE=1 to move versions)
-	$(COMPILE) $(if $(UPGRADE),--upgrade) --all-extras --group build --group dev -o requirements/dev.txt
+	$(COMPILE) $(if $(UPGRADE),--upgrade) --extra all --extra peers --group build --group dev -o requirements/dev.txt
 	$(COMPILE) --group build -c requirements/dev.txt -o requirements/runtime.txt
 	$(COMPILE) --group build --extra scan --extra study -c requirements/dev.txt -o requirements/study.txt
 	$(COMPILE) --group build --group docs --extra scan --extra study --extra cad -c requirements/dev.txt -o requirements/docs.txt
+	$(COMPILE) --group build --extra track -c requirements/dev.txt -o requirements/track.txt
 
 clean: ## Remove runs, caches and the environment
 	rm -rf runs .jax_cache .pytest_cache .ruff_cache build dist docs/_build docs/notebooks docs/reference/cablejax*.rst *.egg-info $(VENV)

@@ -97,5 +97,6 @@ def _e57(path: Path, xyz: np.ndarray, color: np.ndarray, **pose: np.ndarray) -> 
 def _real_files() -> dict[str, Path]:
     """Files of other programs, where they are at hand: an octree-ordered LAZ, extra bytes, full waveforms."""
     folder = Path(os.environ.get("CABLEJAX_DATA", "")) / "parsers" / "laspy" / "tests" / "data"
-    names = {"copc.laz": "simple.copc.laz", "extra.las": "extrabytes.las", "wave.laz": "fullwave.laz"}
+    copc = "simple.copc.laz"
+    names = {"copc.laz": copc, "region.copc.laz": copc, "extra.las": "extrabytes.las", "wave.laz": "fullwave.laz"}
     return {name: folder / file for name, file in names.items() if (folder / file).is_file()}

@@ -6,7 +6,8 @@ Prints one row a format: damaged files tried, read after all, refused with a `Po
 there: other exceptions, deaths of the process, and truncated files read as a smaller cloud, but for one that lacks its
 last point alone and is read with a warning. LAS, LAZ and E57 are read
 by native libraries in a process of their own; where that process dies or has to be stopped, `read_points` reports it as
-a `PointFileError`, and the row says how often. Every 40th file of theirs goes through `read_points` itself.
+a `PointFileError`, and the row says how often. Every 40th file of theirs goes through `read_points` itself. A region of a
+COPC file is read through `read_region` with a box about everything: the rows must then be all of them.
 """
 
 import argparse
@@ -27,7 +28,7 @@ import numpy as np
 from benchmarks import record
 from benchmarks.fuzz_files import base_files
 from benchmarks.mutations import mutants, repair_e57
-from cablejax.io import PointFileError, child, read_points
+from cablejax.io import PointFileError, child, read_points, read_region
 
 HERE = Path(__file__).resolve().parent
 SECONDS = 20.0
@@ -37,6 +38,7 @@ END_TO_END = 40
 UNCOUNTED = ("xyz", "csv", "obj", "units.txt", "cells.csv", "index.xyz", "normals.xyz")
 COLUMNS = {"index.xyz": "index,x,y,z"}
 ONE_SHORT = "are there and were read"
+REGION = "region.copc.laz"
 
 
 class Worker:
@@ -89,25 +91,35 @@ def answer_paths(lines: Iterator[str]) -> None:
 
 def judge(path: Path) -> dict[str, Any]:
     """Read a file and say how it ended; of warnings only those that are meant for the user are allowed."""
-    columns = next((names for name, names in COLUMNS.items() if path.name.endswith(name)), None)
     try:
         with warnings.catch_warnings(record=True) as said:
             warnings.simplefilter("error")
             warnings.simplefilter("always", UserWarning)
-            scan = read_points(path, unit="m", columns=columns, time_limit_s=SECONDS)
+            xyz, dropped = _read_region(path) if path.name.endswith(REGION) else _read_points(path)
     except PointFileError as error:
         return {"outcome": "refused", "error": error.reason}
     except Exception as error:  # noqa: BLE001 (that is what is looked for)
         return {"outcome": "wrong exception", "error": repr(error)}
-    good = len(scan.xyz_mm) > 0 and bool(np.isfinite(scan.xyz_mm).all())
+    good = len(xyz) > 0 and bool(np.isfinite(xyz).all())
     notes = [str(warning.message) for warning in said]
-    count = {"points": len(scan.xyz_mm), "dropped": scan.dropped}
-    return {"outcome": "read" if good else "bad cloud", **count, "notes": notes}
+    return {"outcome": "read" if good else "bad cloud", "points": len(xyz), "dropped": dropped, "notes": notes}
+
+
+def _read_points(path: Path) -> tuple[np.ndarray, int]:
+    columns = next((names for name, names in COLUMNS.items() if path.name.endswith(name)), None)
+    scan = read_points(path, unit="m", columns=columns, time_limit_s=SECONDS)
+    return scan.xyz_mm, scan.dropped
+
+
+def _read_region(path: Path) -> tuple[np.ndarray, int]:
+    everything = np.full(3, np.inf)
+    row, xyz = read_region(path, -everything, everything, unit="m", time_limit_s=SECONDS)
+    return (xyz if np.array_equal(row, np.arange(len(row))) else xyz[:0]), 0
 
 
 def fuzz(name: str, base: Path, count: int, seed: int, folder: Path) -> dict[str, Any]:
     """Try `count` damaged copies of a file; a row of the table."""
-    kind = {"las": "las", "laz": "las", "e57": "e57"}.get(name.rsplit(".", 1)[-1])
+    kind = None if name == REGION else {"las": "las", "laz": "las", "e57": "e57"}.get(name.rsplit(".", 1)[-1])
     here = [sys.executable, "-W", "error", "-m", "benchmarks.fuzz_readers", "--worker"]
     native = [sys.executable, "-P", str(HERE / "fuzz_native.py"), str(kind), child.__file__, str(folder)]
     worker = Worker(here if kind is None else [*native, str(SECONDS), str(MEMORY_BYTES)])

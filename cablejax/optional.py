@@ -20,6 +20,7 @@ EXTRAS: dict[str, str] = {
     "libusb_package": "peers",
     "distributed": "cluster",
     "ezdxf": "cad",
+    "wandb": "track",
 }
 
 

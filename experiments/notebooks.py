@@ -23,6 +23,7 @@ def execute(path: Path, *, folder: Path = ROOT) -> str:
 
     Raises:
         nbclient.exceptions.CellExecutionError: If a cell fails.
+        RuntimeError: If a cell warns, or says anything else on standard error, which readers should not meet.
     """
     import nbformat
     from nbclient import NotebookClient
@@ -36,6 +37,9 @@ def execute(path: Path, *, folder: Path = ROOT) -> str:
         extra_arguments=["--Application.log_level=ERROR"],  # it warns that a kernel on this machine is not encrypted
     ).execute()
     for cell in notebook.cells:
+        said = [output.text for output in cell.get("outputs", []) if output.get("name") == "stderr"]
+        if said:
+            raise RuntimeError(f"{path.name}: a cell said on standard error: {said[0]}")
         cell.metadata.pop("execution", None)
     notebook.metadata.pop("language_info", None)
     return nbformat.writes(notebook) + "\n"

@@ -57,6 +57,12 @@ SAMPLES: dict[str, Sample] = {
     "table1_filtering": Sample(
         table1_filtering.run, {"filter.name": "statistical", "noise.kind": "compound"}, 1e-3, 1e-3
     ),
+    "table1_outliers": Sample(
+        table1_filtering.run, {"filter.name": "median", "scan.outlier_fraction": 0.2}, 1e-3, 1e-3
+    ),
+    "table1_noise": Sample(
+        table1_filtering.run, {"filter.name": "adaptive", "noise.kind": "random", "noise.snr_db": 40.0}, 1e-3, 1e-3
+    ),
     "table2_3_deviation": Sample(table2_3_deviation.run, {"filter.order": 2, "noise.snr_db": 60.0}, 1e-2, 1e-3),
     "diameter": Sample(diameter.run, {"scan.preset": "line-laser"}, 1e-3, 5e-3),
     "fig13_optimizers": Sample(train.run, {"optimizer.name": "adadelta"}, 0.0, 0.1),
@@ -121,7 +127,8 @@ def age(folder: Path) -> list[str]:
     for path in sorted(folder.glob("*.json")):
         found = read_json(path)
         name, revision = found.get("experiment", path.stem), found.get("code_revision", "").split("+")[0]
-        module = f"experiments.{name}" if (ROOT / "experiments" / f"{name}.py").is_file() else "experiments.train"
+        own = SAMPLES[name].task.__module__ if name in SAMPLES else f"experiments.{name}"
+        module = own if (ROOT / f"{own.replace('.', '/')}.py").is_file() else "experiments.train"
         try:
             then, now = Sources(at_revision(revision)).digests(module), present(module)
         except ValueError as error:

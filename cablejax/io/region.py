@@ -8,7 +8,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from cablejax.io.isolated import read_isolated
-from cablejax.io.points import unit_scale
+from cablejax.io.points import LARGEST_MM, unit_scale
+from cablejax.io.raw import BadFile
 from cablejax.io.sources import as_point_file_error
 
 SIGNATURE = slice(
@@ -57,7 +58,8 @@ def read_region(
 
     Raises:
         ValueError: If `unit` is unknown.
-        PointFileError: If the file is damaged, no COPC, or holds withheld points, with which rows would not count.
+        PointFileError: If the file is damaged, no COPC, or holds points that `read_points` leaves out (withheld, or no
+            finite coordinates), with which rows would not count.
     """
     path, scale = Path(path), unit_scale(unit)
     wide = np.concatenate(
@@ -67,7 +69,10 @@ def read_region(
     with as_point_file_error(path):
         limit = 30 + path.stat().st_size / 1e6 if time_limit_s is None else time_limit_s
         for raw in read_isolated("copc", path, time_limit_s=limit, box=wide.tolist()):
-            xyz_mm = raw.xyz * scale
+            with np.errstate(over="ignore"):
+                xyz_mm = raw.xyz * scale
+            if not (np.abs(xyz_mm) < LARGEST_MM).all():
+                raise BadFile("holds coordinates that `read_points` leaves out, so that rows cannot be told")
             within = ((xyz_mm >= low_mm) & (xyz_mm <= high_mm)).all(axis=1)
             assert raw.row is not None
             rows.append(raw.row[within])

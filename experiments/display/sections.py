@@ -33,6 +33,18 @@ SECTIONS: tuple[Section[Results], ...] = (
     ),
     Section(
         Results,
+        "Outlier removal, harder scans",
+        "The same four filters with up to as many outliers as the paper's filters take points away, and under noise strong "
+        "enough for its kinds to differ.",
+        ("table1_outliers", "table1_noise"),
+        (
+            of("table1_outliers", filtering_tables.table1_outliers),
+            of("table1_noise", filtering_tables.table1_noise),
+        ),
+        (of("table1_outliers", filtering_figures.outlier_shares),),
+    ),
+    Section(
+        Results,
         "Adaptive filter",
         "Deviation from the true surface before and after eqs. (2)-(8), and after two variants on the same weights that "
         "do not shrink a convex surface.",

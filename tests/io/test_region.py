@@ -91,3 +91,12 @@ def test_withheld_points_are_told_where_they_would_shift_rows(tmp_path):
     assert read_points(path).dropped == 1
     with pytest.raises(PointFileError, match="holds withheld points"):
         read_region(path, np.full(3, -np.inf), np.full(3, np.inf))
+
+
+def test_coordinates_that_are_left_out_elsewhere_are_told(copc, tmp_path):
+    data = bytearray(copc.read_bytes())
+    data[131:139] = np.array(1e300).tobytes()  # the scale of x
+    path = tmp_path / "a.copc.laz"
+    path.write_bytes(data)
+    with pytest.raises(PointFileError, match="holds coordinates that `read_points` leaves out"):
+        read_region(path, np.full(3, -np.inf), np.full(3, np.inf))

@@ -8,7 +8,7 @@ from cablejax.report import COLORS, line_styles, point_views
 from experiments.analysis import paper
 from experiments.analysis.results import NAMES, Results
 from experiments.display.drawing import Drawing, new_figure
-from experiments.display.filtering.tables import NOISES
+from experiments.display.filtering.tables import NOISES, removed_percent
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -67,6 +67,47 @@ def removal(results: Results) -> Drawing:
         "Table 1 against the truth: F1 of removing the simulated outliers, mean over seeds with its 95 % interval. The axis "
         "does not begin at 0. Fewer points left is not better by itself.",
     )
+
+
+def outlier_shares(results: Results) -> Drawing:
+    """Table 1 by the share of outliers: how well they are found, and how much is taken away."""
+    figure = new_figure(6.6, 3.4)
+    left, right = figure.subplots(1, 2)
+    shares = results.values("scan.outlier_fraction")
+    percent = [100 * share for share in shares]
+    for style, name in zip(line_styles(), paper.TABLE_1, strict=False):
+        cells = [{"filter__name": name, "scan__outlier_fraction": share} for share in shares]
+        values = [results.mean("f1", **cell) for cell in cells]
+        spread = [0.0 if np.isnan(v.half_width) else v.half_width for v in values]
+        left.errorbar(
+            percent, [v.mean for v in values], spread, label=NAMES[name], marker="o", ms=4, capsize=3, **style
+        )
+        right.plot(percent, [removed_percent(results, **cell) for cell in cells], marker="o", ms=4, **style)
+    right.axhspan(*_removed_in_the_paper(), color="0.85", lw=0, label="the paper's filters, of its own scan")
+    right.plot(percent, percent, color="0.4", lw=1, ls=":", label="as many as there are outliers")
+    left.set_ylabel("F1 of removal (1 is best)")
+    left.set_ylim(0, 1.02)
+    right.set_ylabel("points removed (%)")
+    right.set_ylim(bottom=0)
+    for ax in (left, right):
+        ax.set_xlabel("outliers in the scan (%)")
+    handles = [
+        [*first, *second]
+        for first, second in zip(*(ax.get_legend_handles_labels() for ax in (left, right)), strict=True)
+    ]
+    figure.legend(*handles, loc="outside lower center", ncols=3)
+    return Drawing(
+        "outlier_shares",
+        figure,
+        "F1 of outlier removal and the share of points removed against the share of outliers, for four filters.",
+        "Left, how well each filter finds the outliers, mean over seeds with its 95 % interval; right, how many points it takes "
+        "away. Thresholds are those chosen at 2 %. The grey band is what the paper's filters take from its own scan.",
+    )
+
+
+def _removed_in_the_paper() -> tuple[float, float]:
+    kept = [points for filters in paper.TABLE_1.values() for points, _ in filters.values()]
+    return 100 * (1 - max(kept) / paper.SCAN_POINTS), 100 * (1 - min(kept) / paper.SCAN_POINTS)
 
 
 def section(results: Results) -> Drawing:

@@ -98,6 +98,7 @@ def real_pictures(results: Benchmark) -> Drawing | None:
         return None
     picture = imread(path)
     figure = new_figure(6.6, 6.6 * picture.shape[0] / picture.shape[1])
+    figure.set_layout_engine("none")  # the one axes is placed by hand
     ax = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     ax.imshow(picture)
     ax.axis("off")

@@ -65,6 +65,13 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
                "rms_mm": 0.2, "diameter_bias_mm": -0.01}  # fmt: skip
     grid = itertools.product(("statistical", "radius", "median", "adaptive"), ("gaussian", "random", "compound"))
     results_file(out, "table1_filtering", {}, runs([({"filter.name": f, "noise.kind": n}, cleaned) for f, n in grid]))
+    grid = itertools.product(("statistical", "radius", "median", "adaptive"), (0.02, 0.4))
+    cells = [({"filter.name": f, "scan.outlier_fraction": share}, cleaned) for f, share in grid]
+    results_file(out, "table1_outliers", {"scan.n_points": 5000}, runs(cells))
+    impulses: dict[str, dict] = {n: {"impulses_removed": 0.7} for n in ("random", "compound")} | {"gaussian": {}}
+    grid = itertools.product(("statistical", "radius", "median", "adaptive"), (60.0, 20.0), impulses)
+    cells = [({"filter.name": f, "noise.snr_db": snr, "noise.kind": n}, cleaned | impulses[n]) for f, snr, n in grid]
+    results_file(out, "table1_noise", {"scan.n_points": 5000}, runs(cells))
     deviation = {
         "before": {"mean_mm": -0.05, "std_mm": 0.38, "within_percent": 21.0},
         "after": {"mean_mm": -0.11, "std_mm": 0.14, "within_percent": 44.0},
