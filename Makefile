@@ -106,6 +106,7 @@ fig12_adgcnn_loss: fig8_adgcnn
 rejection: $(VENV)/.run-stamp ## Train adgcnn_fit on hard clouds, three seeds, and test it on every kind
 	@$(BIN)/python -m experiments.train -m experiment=hard_adgcnn_fit size=$(SIZE) $(if $(SEEDS),"seed=$(SEEDS)")
 	@$(BIN)/python -m experiments.rejection --size $(SIZE)
+	@$(BIN)/python -m experiments.calibration --size $(SIZE)
 .PHONY: rejection
 
 # Transfer starts from a network trained on ModelNet10, which CABLEJAX_DATA must hold.

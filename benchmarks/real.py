@@ -6,6 +6,8 @@ Every scan of `$CABLEJAX_DATA/real` is measured in a process of its own with a t
 and its grade: A published and confirmed on a mesh, B from CAD or the part's name, C an independent fit or common sense, R
 repeatability alone. With `--stations 1` each scan is told to be a single view, as all are but the trees' (`tb_*`), whose
 laser walked round them. "34.4 or 37.0" is a stepped thing: one of the two must lie in the interval. "no cable" must be refused.
+With `--labels` each is measured as `cablejax measure` does by default, with the labels of the package's network where other
+things lie beside what the search finds; the row then also holds both candidates and the verdict on the search's.
 Each scan's row goes to a file of lines beside the result, and a run that was stopped goes on from there.
 """
 
@@ -18,9 +20,14 @@ from fnmatch import fnmatch
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
 
 from benchmarks import record
+
+if TYPE_CHECKING:
+    from cablejax.measure import PointLabels
 
 LIMIT_S = 120.0
 GRADES = ("A", "B", "C", "R", "")
@@ -68,23 +75,60 @@ def verdict(truth: str, row: dict[str, Any]) -> str:
     return "holds" if any(low <= float(one) <= high for one in truth.split(" or ")) else "misses"
 
 
-def measured(path: Path, seed: int, stations: int | None) -> dict[str, Any]:
+class Way(NamedTuple):
+    """How scans are measured.
+
+    Attributes:
+        seed: Of the search.
+        stations: What the measurement is told.
+        labels: Whether a network labels the points.
+    """
+
+    seed: int
+    stations: int | None
+    labels: bool
+
+
+def measured(path: Path, way: Way) -> dict[str, Any]:
     """The answer to one scan, in millimetres as the file holds it."""
     from cablejax.io import read_points
-    from cablejax.measure import MeasureError, MeasureSettings, measure_cable
+    from cablejax.measure import MeasureError, MeasureSettings, measure_cable, measure_labelled
 
     xyz = read_points(path, unit="mm").xyz_mm
-    start = time.perf_counter()
+    settings = MeasureSettings(seed=way.seed, stations=way.stations)
+    start, candidates = time.perf_counter(), {}
     try:
-        result = measure_cable(xyz, settings=MeasureSettings(seed=seed, stations=stations)).to_dict()
+        if way.labels:
+            found = measure_labelled(xyz, lambda: labelled(xyz), settings=settings)
+            by_labels = None if found.by_labels is None else list(found.by_labels.interval_mm)
+            candidates = {
+                "taken": found.taken,
+                "by_search": list(found.by_search.interval_mm),
+                "by_labels": by_labels,
+            }
+            result = found.result.to_dict()
+        else:
+            result = measure_cable(xyz, settings=settings).to_dict()
     except MeasureError as error:
         return {"refused": str(error), "seconds": time.perf_counter() - start}
-    row = {name: result[name] for name in ANSWERS}
+    row = {name: result[name] for name in ANSWERS} | candidates
     row |= {"budget": {line["source"]: line["std_mm"] for line in result["budget"]}, "warnings": result["warnings"]}
     return {**row, "seconds": time.perf_counter() - start}
 
 
-def _serve(pipe: Connection, seed: int, stations: int | None) -> None:
+def labelled(xyz: np.ndarray) -> "PointLabels":
+    """What the labeller of the package says of a scan."""
+    from cablejax.measure import PointLabels
+    from cablejax.nets import label_parts, load_pretrained
+
+    network, card = load_pretrained("parts")
+    clouds, parts = card["clouds"], card["classes"]
+    part = label_parts(network, xyz, n_points=clouds["n_points"], ball_mm=clouds["ball_mm"]).part
+    low, high = clouds["diameter_mm"]
+    return PointLabels(part == parts.index("cable"), part == parts.index("accessory"), (low, high))
+
+
+def _serve(pipe: Connection, way: Way) -> None:
     """Answer paths with rows until the pipe is closed; what is no refusal is told and not raised."""
     while True:
         try:
@@ -92,7 +136,7 @@ def _serve(pipe: Connection, seed: int, stations: int | None) -> None:
         except EOFError:
             return
         try:
-            pipe.send(measured(path, seed, stations))
+            pipe.send(measured(path, way))
         except (ArithmeticError, LookupError, MemoryError, RuntimeError, TypeError, ValueError) as error:
             # A crash is a result of this benchmark; what is none of these ends the process, which shows as well.
             pipe.send({"failed": f"{type(error).__name__}: {error}"})
@@ -101,14 +145,14 @@ def _serve(pipe: Connection, seed: int, stations: int | None) -> None:
 class Worker:
     """A process that measures scan after scan, and is replaced by another where one takes too long."""
 
-    def __init__(self, *, seed: int, stations: int | None, limit_s: float) -> None:
-        self.seed, self.stations, self.limit_s = seed, stations, limit_s
+    def __init__(self, way: Way, *, limit_s: float) -> None:
+        self.way, self.limit_s = way, limit_s
         self._start()
 
     def _start(self) -> None:
         context = get_context("spawn")
         self.pipe, theirs = context.Pipe()
-        self.process = context.Process(target=_serve, args=(theirs, self.seed, self.stations), daemon=True)
+        self.process = context.Process(target=_serve, args=(theirs, self.way), daemon=True)
         self.process.start()
         theirs.close()
 
@@ -148,7 +192,8 @@ def gather(options: argparse.Namespace) -> list[dict[str, Any]]:
     if not (folder / "truth.csv").is_file():
         raise SystemExit(f"{folder}: holds no truth.csv; CABLEJAX_DATA names the folder that real/ lies in")
     lines = Path(options.out).with_suffix(".jsonl") if options.out else None
-    run = {"seed": options.seed, "limit_s": options.limit, "stations": options.stations}
+    way = Way(options.seed, options.stations, options.labels)
+    run = {"limit_s": options.limit, **way._asdict()}
     done: dict[str, dict[str, Any]] = {}
     if lines is not None and lines.is_file():
         head, *kept = [json.loads(line) for line in lines.read_text().splitlines()]
@@ -158,7 +203,7 @@ def gather(options: argparse.Namespace) -> list[dict[str, Any]]:
     elif lines is not None:
         lines.parent.mkdir(parents=True, exist_ok=True)
         lines.write_text(json.dumps(run) + "\n")
-    worker, rows = Worker(seed=options.seed, stations=options.stations, limit_s=options.limit), []
+    worker, rows = Worker(way, limit_s=options.limit), []
     for one in truths(folder):
         if not any(fnmatch(one["scan"], pattern) for pattern in options.only.split(",")):
             continue
@@ -167,6 +212,8 @@ def gather(options: argparse.Namespace) -> list[dict[str, Any]]:
             continue
         row = {**one, **worker.measure(folder / f"{one['scan']}.ply")}
         rows.append({**row, "verdict": verdict(one["truth"], row)})
+        if "by_search" in row:
+            rows[-1]["verdict_of_search"] = verdict(one["truth"], {"interval_mm": row["by_search"]})
         print(_line(rows[-1]), flush=True)
         if lines is not None:
             with lines.open("a") as stream:
@@ -189,6 +236,7 @@ def main() -> None:
     parser.add_argument("--only", default="*", help="patterns of scans' names, between commas")
     parser.add_argument("--seed", type=int, default=0, help="of the search")
     parser.add_argument("--stations", type=int, help="what each measurement is told: 1 for single views, as most are")
+    parser.add_argument("--labels", action="store_true", help="with a network's labels, as `cablejax measure` does")
     parser.add_argument("--limit", type=float, default=LIMIT_S, help="seconds for each scan")
     parser.add_argument("--out", help="JSON file to write")
     options = parser.parse_args()
@@ -200,7 +248,12 @@ def main() -> None:
             )
         )
     if options.out:
-        config = {"limit_s": options.limit, "only": options.only, "stations": options.stations}
+        config = {
+            "limit_s": options.limit,
+            "only": options.only,
+            "stations": options.stations,
+            "labels": options.labels,
+        }
         found = {"summary": record.table(summary(rows), config=config), "scans": record.table(rows)}
         record.write(options.out, found, seeds=[options.seed], config=config)
 

@@ -26,7 +26,8 @@ AUGMENTED_STREAM = 11  # apart from the streams of the simulator
 
 def clouds(cfg: Config, split: str, *, denser: int = 1) -> PartSplit:
     """Labelled clouds of a split."""
-    config = PartsConfig(n_points=denser * cfg.parts.n_points, ball_mm=cfg.parts.ball_mm, seed=cfg.dataset.seed)
+    n_points, ball_mm, mix = denser * cfg.parts.n_points, cfg.parts.ball_mm, cfg.parts.mix
+    config = PartsConfig(n_points=n_points, ball_mm=ball_mm, mix=mix, seed=cfg.dataset.seed)
     return make_part_split(config, split, getattr(cfg.parts, split), progress=True)
 
 

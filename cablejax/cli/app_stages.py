@@ -73,10 +73,10 @@ class _Work:
     @functools.cached_property
     def first(self) -> "CableMeasurement | NoResultError":
         """As `cablejax measure` finds it."""
-        from cablejax.measure import MeasureError, measure_cable
+        from cablejax.measure import MeasureError
 
         try:
-            return measure_cable(self.scan.xyz_mm, **self.known)
+            return measure_input.measured(self.options, self.scan, None, self.known)[0]
         except MeasureError as error:
             return NoResultError(f"{self.path}: {error}")
 

@@ -12,6 +12,10 @@ if TYPE_CHECKING:
     from flax import nnx
 
     from cablejax.io import PointFile
+    from cablejax.measure import PointLabels
+
+LABELLER = "parts"  # of the package
+LABELLER_CARD = f"nets/weights/{LABELLER}.json"
 
 
 def read_run(folder: str, *, trained: str, by: str, holds: str) -> dict[str, Any]:
@@ -57,6 +61,29 @@ def restored(folder: str, model: "nnx.Module") -> "nnx.Module":
         raise NoResultError(f"--checkpoint {folder}: holds nothing that fits {found.kept[0]} of the network")
     found.model.eval()
     return found.model
+
+
+def labels_of_package(options: argparse.Namespace, scan: "PointFile") -> "tuple[np.ndarray, PointLabels]":
+    """The part that each point lies on by the labeller of the package, and what a measurement takes of it.
+
+    Raises:
+        NoResultError: If its files are damaged.
+    """
+    import numpy as np
+
+    from cablejax.measure import PointLabels
+    from cablejax.nets import WeightsError, label_parts, load_pretrained
+
+    try:
+        network, card = load_pretrained(LABELLER)
+    except WeightsError as error:
+        raise NoResultError(f"--labels: {error}") from None
+    say(options, f"labelling {len(scan.xyz_mm):,} points")
+    clouds = card["clouds"]
+    found = label_parts(network, scan.xyz_mm, n_points=clouds["n_points"], ball_mm=clouds["ball_mm"], seed=options.seed)
+    part = np.array(card["classes"])[found.part]
+    low, high = clouds["diameter_mm"]
+    return part, PointLabels(part == "cable", part == "accessory", (low, high))
 
 
 def parts_of(options: argparse.Namespace, scan: "PointFile") -> "np.ndarray | None":

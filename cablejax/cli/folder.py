@@ -9,10 +9,12 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
+from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cablejax import __version__
+from cablejax.cli.checkpoint import LABELLER_CARD
 from cablejax.cli.errors import NoResultError
 from cablejax.cli.progress import Progress
 from cablejax.cli.scans import check_output, make_folder, rows, say
@@ -275,6 +277,8 @@ def _digest(options: argparse.Namespace) -> str:
     if given.get("checkpoint") is not None:
         record = Path(given["checkpoint"]) / "run.json"
         given["run"] = hashlib.sha256(record.read_bytes()).hexdigest() if record.is_file() else None
+    elif given.get("labels", "off") != "off":
+        given["labeller"] = hashlib.sha256((files("cablejax") / LABELLER_CARD).read_bytes()).hexdigest()
     return hashlib.sha256(json.dumps([options.command, given], sort_keys=True).encode()).hexdigest()[:12]
 
 

@@ -64,7 +64,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar=("LOW", "HIGH"),
         help="limits of the diameter in mm: pass, fail or undecided",
     )
-    parser.add_argument(
+    labels = parser.add_mutually_exclusive_group()
+    labels.add_argument(
+        "--labels",
+        choices=("auto", "off"),
+        help="auto: where the cable found has other things beside it, a network of the package labels the points, and where "
+        "search and labels disagree both are told; off: the search alone (default: auto; with --all off)",
+    )
+    labels.add_argument(
         "--checkpoint",
         metavar="FOLDER",
         help="of a run of experiments.parts: its network labels the points, and the cable's alone are measured",
@@ -107,6 +114,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> dict[str, Any]:
     """Measure a scan, or every scan of a folder."""
+    if options.all and options.labels == "auto":
+        raise NoResultError("--labels auto: is for one cable, not for --all")
     for name in ("expect", "picture"):
         if not options.all and getattr(options, name) is not None:
             raise NoResultError(f"--{name}: is for --all")
@@ -148,11 +157,11 @@ def one(options: argparse.Namespace) -> dict[str, Any]:
     measure_input.check_report(options, "jinja2", "plotly", "matplotlib")
     exports.check(options)
     scan, part, given = measure_input.read_labelled(options)
-    from cablejax.measure import MeasureError, measure_cable
+    from cablejax.measure import MeasureError
 
     say(options, f"measuring {len(scan.xyz_mm):,} points")
     try:
-        result = measure_cable(scan.xyz_mm, **given)
+        result, part, candidates = measure_input.measured(options, scan, part, given)
     except MeasureError as error:
         raise NoResultError(f"{options.scan}: {error}") from None
     parts = None if part is None else dict(sorted(Counter(part.tolist()).items(), key=lambda pair: -pair[1]))
@@ -176,6 +185,7 @@ def one(options: argparse.Namespace) -> dict[str, Any]:
         **result.to_dict(),
         **standards.as_json(read, section_sizes),
         "parts": parts,
+        "candidates": candidates,
         "tolerance_mm": options.tolerance,
         "conformity": measure_input.conformity_of(options, result.diameter_mm, result.std_mm),
         "exported": exported,
@@ -230,6 +240,8 @@ def table(result: dict[str, Any]) -> str:
     if r["parts"] is not None:
         total = sum(r["parts"].values())
         pairs.append(("labelled", ", ".join(f"{name} {100 * n / total:.1f} %" for name, n in r["parts"].items())))
+    if (both := r["candidates"]) is not None and both["labels_mm"] is not None:
+        pairs.append(("candidates", f"search {both['search_mm']:.3f} mm, labels {both['labels_mm']:.3f} mm"))
     if r["verdict"] is not None:
         pairs.append(("nominal size", r["verdict"]))
     if r["conformity"] is not None:

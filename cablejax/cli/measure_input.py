@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from cablejax.cli import measure_settings
-from cablejax.cli.checkpoint import parts_of
+from cablejax.cli.checkpoint import labels_of_package, parts_of
 from cablejax.cli.errors import NoResultError
 from cablejax.cli.scans import check_output, load, make_folder, save_bytes, say
 from cablejax.optional import require
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from cablejax.io import PointFile
+    from cablejax.measure import CableMeasurement, PointLabels
 
 
 class Labelled(NamedTuple):
@@ -76,6 +77,44 @@ def read_labelled(options: argparse.Namespace) -> Labelled:
     scan = load(options, options.scan)
     part = parts_of(options, scan)
     return Labelled(scan, part, {**found, "on_cable": None if part is None else part == "cable"})
+
+
+def measured(
+    options: argparse.Namespace, scan: "PointFile", part: "np.ndarray | None", given: dict[str, Any]
+) -> "tuple[CableMeasurement, np.ndarray | None, dict[str, Any] | None]":
+    """The cable of a scan, by the search alone or, with `--labels`, by search and labels.
+
+    Args:
+        options: Of the command.
+        scan: The file read.
+        part: As `Labelled.part`.
+        given: As `Labelled.given`.
+
+    Returns:
+        The measurement, the part that each point lies on where a network was asked, and with `--labels` the candidates.
+
+    Raises:
+        MeasureError: If there is no cable that can be measured.
+        NoResultError: If the network's files are damaged.
+    """
+    from cablejax.measure import measure_cable, measure_labelled
+
+    if options.checkpoint is not None or options.labels == "off":
+        return measure_cable(scan.xyz_mm, **given), part, None
+    seen: list[np.ndarray] = []
+
+    def label() -> "PointLabels":
+        found, labels = labels_of_package(options, scan)
+        seen.append(found)
+        return labels
+
+    found = measure_labelled(scan.xyz_mm, label, **given)
+    candidates = {
+        "taken": found.taken,
+        "search_mm": found.by_search.diameter_mm,
+        "labels_mm": None if found.by_labels is None else found.by_labels.diameter_mm,
+    }
+    return found.result, seen[0] if seen else None, candidates
 
 
 def conformity_of(options: argparse.Namespace, diameter_mm: float, std_mm: float) -> str | None:

@@ -9,7 +9,7 @@ FOLDER = Path(__file__).parent / "schemas"
 # A version changes when a field goes, or changes its name, type or meaning; a field that is added changes it as well, for
 # the schemas allow no others.
 VERSIONS = {
-    "measure": 2, "measure-all": 3, "info": 1,
+    "measure": 3, "measure-all": 3, "info": 1,
     "denoise": 1, "register": 1, "register-stations": 1, "classify": 1, "simulate": 1, "gage": 1, "app": 1,
     "folder": 1, "schema": 1, "completion": 1,
 }  # fmt: skip

@@ -4,11 +4,12 @@
 their parts that stand alone. This part runs on the host in float64 NumPy and SciPy.
 """
 
-from cablejax.measure.cable import measure_cable
+from cablejax.measure.cable import measure_cable, measure_labelled
 from cablejax.measure.cables import measure_cables
 from cablejax.measure.conformity import bend_conformity, conformity
 from cablejax.measure.errors import MeasureError
 from cablejax.measure.fit.beam_noise import Instrument
+from cablejax.measure.labelled import LabelledMeasurement, PointLabels
 from cablejax.measure.nominal import nominal_probabilities, verdict
 from cablejax.measure.result import BudgetLine, CableMeasurement, CableScene, NotMeasured
 from cablejax.measure.settings import MeasureSettings, SearchLimits
@@ -24,9 +25,11 @@ __all__ = [
     "FreeSection",
     "Instrument",
     "Irregularity",
+    "LabelledMeasurement",
     "MeasureError",
     "MeasureSettings",
     "NotMeasured",
+    "PointLabels",
     "SearchLimits",
     "Sections",
     "Stretch",
@@ -35,6 +38,7 @@ __all__ = [
     "irregularities",
     "measure_cable",
     "measure_cables",
+    "measure_labelled",
     "nominal_probabilities",
     "verdict",
 ]

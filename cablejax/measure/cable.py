@@ -1,6 +1,7 @@
 """From a scan to a diameter: find the cable, fit its axis and radius, and say how well each number is known."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Int, Num
@@ -9,6 +10,7 @@ from cablejax.measure.accept import first_that_fits
 from cablejax.measure.agree import confirmed
 from cablejax.measure.assemble import assembled
 from cablejax.measure.find.cables import find_cables
+from cablejax.measure.labelled import LabelledMeasurement, PointLabels, decided
 from cablejax.measure.result import CableMeasurement
 from cablejax.measure.scan import Scan, scan_of
 from cablejax.measure.settings import MeasureSettings
@@ -22,6 +24,7 @@ def measure_cable(
     *,
     station: Int[np.ndarray, " n"] | None = None,
     on_cable: Bool[np.ndarray, " n"] | None = None,
+    labels: PointLabels | None = None,
     catalogue: Mapping[str, float] | None = None,
     settings: MeasureSettings | None = None,
 ) -> CableMeasurement:
@@ -38,6 +41,8 @@ def measure_cable(
             position's shift is then fitted as well, and does not widen the diameter.
         on_cable: Which points may be the cable's `[n]`, where something has told, such as a network that labels parts
             (`cablejax.nets.label_parts`); the others are passed over. None lets all be looked at.
+        labels: What a network says of the points, where it is to be believed only against a search that it does not confirm:
+            the scan is measured with and without, and where the two disagree a warning tells both (`cablejax.measure.labelled`).
         catalogue: Overall diameter in mm of each nominal size by name, to tell the size from the diameter.
         settings: Thresholds and what is known of the scanner.
 
@@ -57,6 +62,11 @@ def measure_cable(
         True
     """
     settings = settings if settings is not None else MeasureSettings()
+    if labels is not None:
+        if on_cable is not None:
+            raise ValueError("labels: expected none beside on_cable, which leaves the other points out")
+        given: dict[str, Any] = {"station": station, "catalogue": catalogue, "settings": settings}
+        return measure_labelled(cloud_or_xyz_mm, lambda: labels, **given).result
     # 1. The points that are looked at, near the origin in float64.
     scan = scan_of(cloud_or_xyz_mm, station=station, on_cable=on_cable, limits=settings.limits)
     # 2. Search, fit and judge; in clutter again with other random samples, since one search may be misled.
@@ -64,6 +74,23 @@ def measure_cable(
     if first.keep.sum() > CLEAR * len(scan.xyz):
         return first
     return confirmed(first, lambda seed: _searched(scan, catalogue, settings, seed), settings.seed)
+
+
+def measure_labelled(
+    cloud_or_xyz_mm: PointCloud | Num[np.ndarray, "n 3"], label: Callable[[], PointLabels], **given: Any
+) -> LabelledMeasurement:
+    """`measure_cable` without and with labels: both candidates, and the one that is told.
+
+    Args:
+        cloud_or_xyz_mm: As in `measure_cable`.
+        label: Gives what a network says of the points; called only where other things lie beside the cable that was found.
+        given: The other arguments of `measure_cable`.
+
+    Raises:
+        MeasureError: If the scan holds no cable that can be measured.
+        ValueError: As `measure_cable`, or if there is not a label for each row.
+    """
+    return decided(lambda on_cable: measure_cable(cloud_or_xyz_mm, **{**given, "on_cable": on_cable}), label)
 
 
 def _searched(

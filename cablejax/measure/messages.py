@@ -224,6 +224,31 @@ def about_other_find(diameter_mm: float, other_mm: float) -> str:
     )
 
 
+def about_other_candidate(told_mm: float, other_mm: float, on_cable: float, *, taken: str) -> str:
+    """A sentence that names both candidates where search and labels disagree.
+
+    Args:
+        told_mm: Diameter of the one that is told.
+        other_mm: Of the other.
+        on_cable: Share of the points of the search's candidate that are labelled as a cable's.
+        taken: "search" or "labels", whose candidate is told.
+    """
+    search, labels = (other_mm, told_mm) if taken == "labels" else (told_mm, other_mm)
+    return (
+        f"Two candidates: the search in all points finds {search:.4g} mm, in the points that a network labels as a cable's "
+        f"{labels:.4g} mm. The {'latter' if taken == 'labels' else 'former'} is told, for of the former's points "
+        f"{100 * on_cable:.0f} % are labelled as a cable's; look at both, or cut the scan closer to the cable."
+    )
+
+
+def about_accessory(share: float) -> str:
+    """A sentence where what was measured is labelled as an accessory."""
+    return (
+        f"Of the points that the diameter rests on, {100 * share:.0f} % are labelled as a joint's, stress cone's or "
+        "termination's: it may not be the cable's own diameter."
+    )
+
+
 def about_form(form: str) -> list[str]:
     """A sentence where the thing has no one diameter along its length."""
     if form == ONE:

@@ -13,7 +13,7 @@ from cablejax.nets.labelling import PartLabels, label_parts
 from cablejax.nets.models import MODELS, build_model, count_parameters
 from cablejax.nets.norm import BatchNorm
 from cablejax.nets.part_network import PartNetwork
-from cablejax.nets.pretrained import Pretrained, WeightsError, load_pretrained, pretrained_names
+from cablejax.nets.pretrained import Calibrated, Pretrained, WeightsError, load_pretrained, pretrained_names
 
 __all__ = [
     "ADGCNN",
@@ -24,6 +24,7 @@ __all__ = [
     "AEdgeConv",
     "AlexNet",
     "BatchNorm",
+    "Calibrated",
     "ChannelAttention",
     "FeatureEnhancement",
     "FeatureFusion",

@@ -18,6 +18,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from flax import nnx
+from jaxtyping import Array, Bool, Float
 
 from cablejax.nets.models import build_model
 from cablejax.nets.part_network import PartNetwork
@@ -37,13 +38,33 @@ class Pretrained(NamedTuple):
     """A trained network.
 
     Attributes:
-        network: In evaluation mode; called as `(xyz [b, n, 3] mm, mask [b, n]) -> logits`.
+        network: In evaluation mode; called as `(xyz [b, n, 3] mm, mask [b, n]) -> logits`. With a `temperature` on the card it
+            is `Calibrated`, whose `network` is the one that was trained.
         card: What it is: `about`, `classes` (names in the order of the logits), `clouds` (settings of the clouds it was
             trained on), `accuracy` (with its interval), `limits`, `command`, `licence`.
     """
 
     network: nnx.Module
     card: dict[str, Any]
+
+
+class Calibrated(nnx.Module):
+    """A network whose logits are divided by one temperature, so that it is right as often as it is sure (Guo et al. 2017).
+
+    Args:
+        network: Called as `(xyz, mask) -> logits`.
+        temperature: Above 1 makes it more modest, below 1 less.
+    """
+
+    def __init__(self, network: nnx.Module, temperature: float):
+        if not temperature > 0:
+            raise ValueError(f"temperature: expected a number above 0, got {temperature!r}")
+        self.network = network
+        self.temperature = temperature
+
+    def __call__(self, xyz: Float[Array, "b n 3"], mask: Bool[Array, "b n"]) -> Float[Array, "b classes"]:
+        """Calibrated logits; the likeliest class stays."""
+        return self.network(xyz, mask) / self.temperature  # pyright: ignore[reportCallIssue] any that is called so
 
 
 def pretrained_names(folder: Traversable = FOLDER) -> list[str]:
@@ -81,7 +102,7 @@ def load_pretrained(name: str, *, folder: Traversable = FOLDER) -> Pretrained:
             arrays = {key: archive[key] for key in archive.files}
     except UNREADABLE as error:
         raise WeightsError(f"{path}: the weights are no archive of arrays ({error})") from None
-    return Pretrained(filled(network_of(card), arrays, source=str(path)), card)
+    return Pretrained(calibrated(filled(network_of(card), arrays, source=str(path)), card), card)
 
 
 def read_card(name: str, *, folder: Traversable = FOLDER) -> dict[str, Any]:
@@ -114,6 +135,11 @@ def network_of(card: Mapping[str, Any]) -> nnx.Module:
         network = build_model(card["model"], classes, rngs=rngs, **options)
     network.eval()
     return network
+
+
+def calibrated(network: nnx.Module, card: Mapping[str, Any]) -> nnx.Module:
+    """The network at the temperature of its card, as it is where there is none."""
+    return Calibrated(network, card["temperature"]) if "temperature" in card else network
 
 
 def arrays_of(network: nnx.Module) -> dict[str, np.ndarray]:

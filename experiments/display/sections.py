@@ -81,8 +81,12 @@ SECTIONS: tuple[Section[Results], ...] = (
         "Finding the cable first",
         "A network that says which points are the cable's, with a cylinder fitted to those, beside fits to all points and to the "
         "true ones.",
-        ("rejection",),
-        (of("rejection", rejection_tables.ways), of("rejection", rejection_tables.arcs)),
+        ("rejection", "calibration"),
+        (
+            of("rejection", rejection_tables.ways),
+            of("rejection", rejection_tables.arcs),
+            of("calibration", rejection_tables.calibration),
+        ),
     ),
     Section(
         Results,

@@ -21,7 +21,7 @@ COLUMNS = ("train_loss", "validation_loss", "validation_overall", "seconds")
 FIRST = 2
 LEFT_OUT = ("history", "test_confusion", "labels_mm2", "classes")
 # Keys younger than the first runs, with the value that stands for what was done before there was the key.
-ADDED = {"dataset": {"pool": None}}
+ADDED = {"dataset": {"pool": None}, "parts": {"mix": "cables"}}
 NOT_COMPARED = ("out", "name")  # of a configuration: where a run is written, and under what name
 
 Line = dict[str, Any]

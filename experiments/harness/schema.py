@@ -16,6 +16,7 @@ NOISE_KINDS = ("none", "gaussian", "random", "compound")
 FORMS = ("linear", "exponential")
 PRESETS = ("paper-floor", "paper-aligned", "structured-light", "line-laser", "terrestrial")
 VERSIONS = ("clean", "standard", "hard", "real-like")
+MIXES = ("cables", "wide")
 SIZES = ("smoke", "quick", "paper")
 SCHEDULES = ("constant", "cosine")
 
@@ -158,6 +159,7 @@ class PartsConfig:
 
     n_points: int = 1024
     ball_mm: float = 250.0
+    mix: str = "cables"
     train: int = 2048
     validation: int = 128
     test: int = 384
@@ -165,6 +167,7 @@ class PartsConfig:
     def __post_init__(self) -> None:
         _check(64 <= self.n_points <= 4096, "parts.n_points", "between 64 and 4096", self.n_points)
         _check(self.ball_mm > 0, "parts.ball_mm", "a positive radius in mm", self.ball_mm)
+        _check(self.mix in MIXES, "parts.mix", f"one of {', '.join(MIXES)}", self.mix)
         for name in ("train", "validation", "test"):
             _check(getattr(self, name) >= 1, f"parts.{name}", "at least 1 cloud", getattr(self, name))
 

@@ -418,6 +418,69 @@ def test_measure_takes_a_networks_labels(capsys, scan, parts_run, monkeypatch, t
     assert result["points"] <= 2666
 
 
+@pytest.fixture(scope="module")
+def beside(tmp_path_factory):
+    """A cylinder of 60 mm and, 200 mm beside it, one of 24 mm on fewer points."""
+    path = tmp_path_factory.mktemp("beside") / "two.ply"
+    wide, thin = (bent_cable(n=n, radius=r, arc_deg=200, seed=n) for n, r in ((1500, 30.0), (500, 12.0)))
+    write_points(path, np.concatenate([wide, thin + np.array([0.0, 200.0, 0.0])]))
+    return str(path)
+
+
+def package_says(part, monkeypatch):
+    """Let the labeller of the package say these parts."""
+    from cablejax import nets
+    from cablejax.simulate import PARTS
+
+    clouds = {"n_points": 64, "ball_mm": 120.0, "diameter_mm": [10.0, 60.0]}
+    monkeypatch.setattr(
+        nets, "load_pretrained", lambda name: nets.Pretrained(None, {"clouds": clouds, "classes": PARTS})
+    )
+    monkeypatch.setattr(nets, "label_parts", lambda *_, **__: nets.PartLabels(part, np.empty((len(part), 5))))
+
+
+def test_measure_tells_both_candidates_where_labels_disagree(capsys, beside, monkeypatch):
+    package_says(np.where(np.arange(2000) < 1500, 4, 0), monkeypatch)
+    code, out, err = run(capsys, "measure", beside, "--unit", "mm", "--labels", "auto")
+    assert code == 0
+    assert re.search(r"candidates +search 60\.\d+ mm, labels 2[34]\.\d+ mm", out)
+    assert re.search(r"note: Two candidates: .*The latter is told", out)
+    assert "labelling 2,000 points" in err
+    result = json.loads(run(capsys, "measure", beside, "--unit", "mm", "--labels", "auto", "--json")[1])
+    assert result["parts"] == {"surroundings": 1500, "cable": 500}
+    assert result["candidates"]["taken"] == "labels"
+    assert result["diameter_mm"] == result["candidates"]["labels_mm"]
+
+
+def test_measure_without_labels_asks_no_network(capsys, beside, scan, monkeypatch):
+    from cablejax import nets
+
+    monkeypatch.setattr(nets, "load_pretrained", None)
+    for arguments in ((beside, "--labels", "off"), (scan, "--labels", "auto")):  # the other lies alone
+        code, out, err = run(capsys, "measure", *arguments, "--unit", "mm", "--json")
+        assert code == 0
+        assert json.loads(out)["parts"] is None
+        assert "labelling" not in err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (("--labels", "auto", "--all"), "--labels auto: is for one cable, not for --all"),
+        (("--labels", "auto", "--checkpoint", "x"), "not allowed with argument --labels"),
+        (("--labels", "on"), "invalid choice: 'on'"),
+    ],
+)
+def test_labels_that_cannot_be_asked_for(capsys, scan, arguments, text):
+    try:
+        code, out, err = run(capsys, "measure", scan, *arguments)
+    except SystemExit as stopped:
+        code, (out, err) = stopped.code, capsys.readouterr()
+    assert code in (1, 2)
+    assert out == ""
+    assert text in err
+
+
 def test_the_network_itself_labels_every_point(capsys, scan, parts_run):
     _, out, err = run(capsys, "measure", scan, "--unit", "mm", "--checkpoint", str(parts_run), "--json")
     assert "labelling 4,000 points" in err

@@ -112,6 +112,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     tested |= dict.fromkeys(("all", "kept", "true", "adgcnn_fit", "likelihood"), told)
     cells = [{"dataset": "hard", "n_points": n, "seed": seed} for n in (512, 1024) for seed in (0, 1)]
     results_file(out, "rejection", {}, [cell | tested for cell in cells])
+    bins = [{"sure": 0.9, "right": 0.8, "clouds": 9}]
+    sure = {"called_90": 5, "called_90_right": 4, "expected_calibration_error": 0.1, "bins": bins}
+    judged = {f"{name}_{when}": sure for name in ("validation", "test", "new") for when in ("before", "after")}
+    results_file(out, "calibration", {}, [{"seed": seed, "temperature": 0.9, **judged} for seed in (0, 1)])
     return out
 
 
