@@ -59,6 +59,7 @@ def measure_cable(
     settings = settings if settings is not None else MeasureSettings()
     # 1. The points that are looked at, near the origin in float64.
     scan = scan_of(cloud_or_xyz_mm, station=station, on_cable=on_cable, limits=settings.limits)
+    settings = scan.views(settings)
     # 2. Search, fit and judge; in clutter again with other random samples, since one search may be misled.
     first = _searched(scan, catalogue, settings, settings.seed)
     if first.keep.sum() > CLEAR * len(scan.xyz):

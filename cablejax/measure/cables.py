@@ -70,6 +70,7 @@ def measure_cables(
     if expect is not None and expect < 1:
         raise ValueError(f"expect: expected at least 1, got {expect}")
     scan = scan_of(cloud_or_xyz_mm, station=station, on_cable=on_cable, limits=settings.limits)
+    settings = scan.views(settings)
     found, failed = _every(scan, catalogue, settings)
     if not found:
         raise failed[0].error

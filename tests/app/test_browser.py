@@ -148,4 +148,6 @@ def test_the_command_ends_with_what_was_measured(page, app):
     assert process.returncode == 0
     assert rest.count("two.ply") == 2
     page.wait("!document.getElementById('lost').hidden", seconds=20)
-    page.said[:] = [one for one in page.said if "net::ERR_" not in one]  # how a refused request is called depends on when
+    page.said[:] = [
+        one for one in page.said if "net::ERR_" not in one
+    ]  # how a refused request is called depends on when

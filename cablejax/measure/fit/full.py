@@ -5,11 +5,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cablejax.measure.depth_image import undistorted
 from cablejax.measure.errors import MeasureError, NoCableError
 from cablejax.measure.find.planes import Plane
 from cablejax.measure.find.track import Track
-from cablejax.measure.fit.axis import Axis, locate, trimmed
+from cablejax.measure.fit.axis import Axis, Place, locate, point_at, sampled, trimmed
 from cablejax.measure.fit.beam_noise import (
+    RESCANNED,
     BeamBias,
     Instrument,
     beam_bias,
@@ -135,3 +137,27 @@ def higher_order(fitted: Fitted, beam: BeamBias, settings: MeasureSettings) -> f
         return abs(rescanned(fitted.fit, fitted.sweep, _refit(fitted, settings), rng) - beam.bias_mm)
     except MeasureError as error:
         raise not_found_again(str(error), known=False) from None
+
+
+def lens_effect(fitted: Fitted, origin: np.ndarray, settings: MeasureSettings) -> float:
+    """By how much the diameter would change if the lens of a depth image had the distortion of `settings.lens_std`.
+
+    The fitted cable without noise, seen through such a lens, is fitted again. Its axis is moved along, so that what counts is
+    how a section is drawn out, and not how all of it is displaced.
+
+    Raises:
+        MeasureError: If what the lens makes of the cable cannot be fitted.
+    """
+    if settings.lens_std == 0:
+        return 0.0
+    fit = fitted.fit
+    rows = np.flatnonzero(fit.weight > 0)
+    rows = rows[:: max(1, len(rows) // RESCANNED)]
+    angle = np.arctan2(fit.place.v, fit.place.u)[rows]
+    on = Place(fit.place.s[rows], fit.radius_mm * np.cos(angle), fit.radius_mm * np.sin(angle))
+    xyz = undistorted(point_at(fit.axis, on) + origin, settings.lens_std) - origin
+    axis = undistorted(fit.axis.xyz + origin, settings.lens_std) - origin
+    axis = sampled(axis, step=float(fit.axis.s[1] - fit.axis.s[0]))
+    sweep = None if fitted.sweep is None else np.unique(fitted.sweep[rows], return_inverse=True)[1].reshape(-1)
+    again = _about(xyz, axis, fit.radius_mm, fit.noise_mm, sweep, fitted.along[rows], settings.instrument, fitted.knots)
+    return 2 * abs(again.radius_mm - fit.radius_mm)
