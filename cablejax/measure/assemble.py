@@ -10,7 +10,8 @@ from cablejax.measure.accept import PER_SECTION
 from cablejax.measure.find.cables import Find
 from cablejax.measure.fit.axis import Axis, trimmed
 from cablejax.measure.fit.beam_noise import BeamBias
-from cablejax.measure.fit.full import Fitted, beams, higher_order, lens_effect
+from cablejax.measure.fit.depth_camera import blur_effect, lens_effect
+from cablejax.measure.fit.full import Fitted, beams, higher_order
 from cablejax.measure.fit.least_squares import CableFit
 from cablejax.measure.messages import (
     about_form,
@@ -267,7 +268,8 @@ def _diameter(scan: Scan, fitted: Fitted, form: _Form, arc: float, settings: Mea
         against_mm=form.against_mm if sweep is None else 0.0,  # sections still hold the sweeps' shifts
         scale_std=settings.scale_std,
         filter_std_mm=settings.filter_std_mm,
-        lens_mm=lens_effect(fitted, scan.origin, settings) if scan.depth_image else 0.0,
+        lens_mm=0.0 if scan.camera is None else lens_effect(fitted, scan.origin, settings.lens_std),
+        blur_mm=0.0 if scan.camera is None else blur_effect(fitted, scan.camera),
         one_view=settings.stations == 1,
     )
     std = combined(budget)

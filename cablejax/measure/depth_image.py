@@ -1,25 +1,40 @@
-"""Scans made from one depth image: how that shows, and the lens distortion that they may still hold.
+"""Scans made from one depth image: how that shows, and what such a camera does to a round section.
 
 A depth image becomes points by x = (column - cx) z / fx. Seen from the camera the points then lie on the pixels' grid, which
 nothing else does. It is the grid of a lens without distortion; where the image was not rectified before, all points lie
-aside of where they belong, the more the further from the middle of the picture, and a round section comes out oval.
+aside of where they belong, the more the further from the middle of the picture, and a round section comes out oval. And a
+depth is found by comparing some pixels about it, so that the picture is blurred, and thin things lose their rims.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
-# Standard deviation of the first radial coefficient of a lens whose distortion may be left. Published calibrations of the
-# TUM RGB-D cameras come to 0.17, 0.16, -0.01 and -0.10 a third of the focal length off the middle, those of its third camera to 0
-# (rectified); the holes of the table under the Zivid camera of the steel parts (`docs/measure.md`) give -0.07.
+# Standard deviation of the first radial coefficient of a lens whose distortion may have been left in. The published ones of the
+# three TUM RGB-D cameras (with the second one, at a third of the focal length from the middle) come to 0.16, 0.14 and 0; the
+# holes in the table under the Zivid camera of the steel parts to -0.07 (docs/measure.md).
 LENS_STD = 0.1
-LEAST_COLUMNS = 8
+WINDOW_PX = 1.5  # standard deviation of the blur: 5 pixels, the smallest windows in use, have one of 1.4
+LEAST_COLUMNS = 12
 PER_COLUMN = 2.0  # points in a column, on average, without which a grid cannot be told from chance
 OFF_GRID = 0.1  # of the pitch in the root mean square; points in no order are .29 off
 LARGE_GAPS = 10  # of the gaps between columns, the one by which columns are told from rounding
 
 
-def on_pixel_grid(xyz: Float[np.ndarray, "n 3"]) -> bool:
-    """Whether points lie on the grid of a pinhole camera at the origin that looks along z, either way.
+class DepthImage(NamedTuple):
+    """The pinhole camera of a scan, in its zero and along z: focal lengths in pixels, along x and y."""
+
+    focal_x_px: float
+    focal_y_px: float
+
+    def pitch_mm(self, distance_mm: float) -> float:
+        """Distance between neighbouring pixels' points at a distance."""
+        return distance_mm / float(np.sqrt(self.focal_x_px * self.focal_y_px))
+
+
+def pixel_grid(xyz: Float[np.ndarray, "n 3"]) -> DepthImage | None:
+    """The pinhole camera at the origin, looking along z either way, on whose pixels points lie; None where they do not.
 
     Args:
         xyz: Points `[n, 3]` in the file's own coordinates, any unit. Moved or turned ones are on no such grid.
@@ -28,31 +43,34 @@ def on_pixel_grid(xyz: Float[np.ndarray, "n 3"]) -> bool:
         >>> column, row = np.meshgrid(np.arange(40), np.arange(30))
         >>> z = 500 + np.random.default_rng(0).normal(size=column.size)
         >>> xyz = np.stack([(column.ravel() - 20) * z / 600, (row.ravel() - 15) * z / 600, z], axis=1)
-        >>> on_pixel_grid(xyz), on_pixel_grid(xyz + [1.0, 0.0, 0.0])
-        (True, False)
+        >>> camera = pixel_grid(xyz)
+        >>> round(camera.focal_x_px), pixel_grid(xyz + [1.0, 0.0, 0.0])
+        (600, None)
     """
     z = xyz[:, 2]
     if not ((z > 0).all() or (z < 0).all()):
-        return False
-    return _on_lines(xyz[:, 0] / z) and _on_lines(xyz[:, 1] / z)
+        return None
+    pitches = _pitch(xyz[:, 0] / z), _pitch(xyz[:, 1] / z)
+    if pitches[0] is None or pitches[1] is None:
+        return None
+    return DepthImage(1 / pitches[0], 1 / pitches[1])
 
 
-def _on_lines(value: Float[np.ndarray, " n"]) -> bool:
-    """Whether numbers are whole multiples of one pitch, but for a constant and rounding."""
+def _pitch(value: Float[np.ndarray, " n"]) -> float | None:
+    """The distance of which all numbers are whole multiples, but for a constant and rounding; None if there is none."""
     ordered = np.sort(value)
     gaps = np.diff(ordered)
     if len(gaps) < LEAST_COLUMNS * PER_COLUMN:
-        return False
+        return None
     large = np.sort(gaps)[-LARGE_GAPS:][0]
-    steps = gaps[gaps > 0.5 * large]
-    pitch = float(np.median(steps))
-    if not pitch > 0:
-        return False
+    pitch = float(np.median(gaps[gaps > 0.5 * large])) if large > 0 else 0.0
+    if pitch == 0:
+        return None
     column = np.concatenate([[0.0], np.cumsum(np.round(gaps / pitch))])
     if not LEAST_COLUMNS <= column[-1] <= len(value) / PER_COLUMN:
-        return False
+        return None
     slope, start = np.polyfit(column, ordered, 1)
-    return bool(np.std(ordered - start - slope * column) < OFF_GRID * slope)
+    return float(slope) if np.std(ordered - start - slope * column) < OFF_GRID * slope else None
 
 
 def undistorted(xyz: Float[np.ndarray, "n 3"], coefficient: float) -> Float[np.ndarray, "n 3"]:
@@ -71,3 +89,18 @@ def undistorted(xyz: Float[np.ndarray, "n 3"], coefficient: float) -> Float[np.n
     for _ in range(10):
         place = seen / (1 + coefficient * np.sum(place**2, axis=1, keepdims=True))
     return np.concatenate([place * z, z], axis=1)
+
+
+def blurred(aside: Float[np.ndarray, " n"], radius: float, blur: float, *, nodes: int = 15) -> Float[np.ndarray, " n"]:
+    """How far before its axis a blurred picture shows a cylinder that lies on a floor `[n]`.
+
+    Args:
+        aside: Distance of each line of sight from the axis.
+        radius: Of the cylinder.
+        blur: Standard deviation of a Gaussian blur across the line of sight.
+        nodes: Of the quadrature.
+    """
+    places, weights = np.polynomial.hermite_e.hermegauss(nodes)
+    met = aside[:, None] + blur * places
+    height = np.where(np.abs(met) < radius, np.sqrt(np.maximum(radius**2 - met**2, 0.0)), -radius)
+    return height @ (weights / weights.sum())

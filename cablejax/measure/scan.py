@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from cablejax.measure.depth_image import on_pixel_grid
+from cablejax.measure.depth_image import DepthImage, pixel_grid
 from cablejax.measure.messages import check_box, check_cloud, check_labels
 from cablejax.measure.settings import MeasureSettings, SearchLimits
 from cablejax.types import PointCloud
@@ -21,7 +21,7 @@ class Scan:
         station: Number of the scanner position of each `[m]`; None if unknown.
         origin: Where zero lies `[3]`, mm.
         count: Rows of the scan as given.
-        depth_image: Whether the points lie on the pixels of one depth image, seen from the zero of the scan as given.
+        camera: The one on whose pixels the points lie, in the zero of the scan as given; None if they lie on none.
     """
 
     xyz: Float[np.ndarray, "m 3"]
@@ -29,7 +29,7 @@ class Scan:
     station: Int[np.ndarray, " m"] | None
     origin: Float[np.ndarray, "3"]
     count: int
-    depth_image: bool = False
+    camera: DepthImage | None = None
 
     def subset(self, keep: Bool[np.ndarray, " m"]) -> "Scan":
         """The points that are kept alone."""
@@ -38,7 +38,7 @@ class Scan:
 
     def views(self, settings: MeasureSettings) -> MeasureSettings:
         """The settings with what the points themselves tell: a depth image is a single view, unless stations are given."""
-        if not self.depth_image or self.station is not None or settings.stations is not None:
+        if self.camera is None or self.station is not None or settings.stations is not None:
             return settings
         return replace(settings, stations=1)
 
@@ -87,7 +87,7 @@ def scan_of(
         station=None if station is None else np.asarray(station)[valid],
         origin=origin,
         count=len(every),
-        depth_image=on_pixel_grid(every[valid]),
+        camera=pixel_grid(every[valid]),
     )
 
 

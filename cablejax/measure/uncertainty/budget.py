@@ -23,6 +23,7 @@ LACK_OF_FIT = "lack of fit of the sections"
 SCALE = "scale calibration"
 FILTER = "filter bias"
 LENS = "lens distortion of a depth image"
+BLUR = "blur of a depth image"
 
 
 def uncertainty_budget(
@@ -39,6 +40,7 @@ def uncertainty_budget(
     scale_std: float,
     filter_std_mm: float,
     lens_mm: float,
+    blur_mm: float,
     one_view: bool,
 ) -> tuple[BudgetLine, ...]:
     """Sources of uncertainty of the diameter, each with its standard deviation in mm.
@@ -57,6 +59,7 @@ def uncertainty_budget(
         scale_std: Relative standard deviation of the scanner's scale.
         filter_std_mm: Standard deviation of the diameter that a filter applied before has left.
         lens_mm: What a lens distortion that was left in the scan may have done to the diameter.
+        blur_mm: What the blur of a depth image may have done to it.
         one_view: Whether the scan is known to be a single view.
     """
     # What exceeds independent noise is shown as lines of its own, one estimate from short patches, one from directions.
@@ -96,6 +99,7 @@ def uncertainty_budget(
         BudgetLine(
             LENS, lens_mm, "B", "the fitted cable seen through a lens whose distortion was left in, fitted again"
         ),
+        BudgetLine(BLUR, blur_mm, "B", "the fitted cable blurred over five pixels, fitted again"),
     )
     given = (
         BudgetLine(SCALE, scale_std * 2 * fit.radius_mm, "B", "scale of the scanner as given"),
