@@ -6,15 +6,13 @@ import numpy as np
 from jaxtyping import Bool, Int, Num
 
 from cablejax.measure.accept import first_that_fits
-from cablejax.measure.agree import confirmed
+from cablejax.measure.agree import CLEAR, confirmed
 from cablejax.measure.assemble import assembled
 from cablejax.measure.find.cables import find_cables
 from cablejax.measure.result import CableMeasurement
 from cablejax.measure.scan import Scan, scan_of
 from cablejax.measure.settings import MeasureSettings
 from cablejax.types import PointCloud
-
-CLEAR = 0.5  # of the scan's points: a cable that holds more of them is not found by chance
 
 
 def measure_cable(
