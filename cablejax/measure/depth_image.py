@@ -18,7 +18,8 @@ LENS_STD = 0.1
 WINDOW_PX = 1.5  # standard deviation of the blur: 5 pixels, the smallest windows in use, have one of 1.4
 LEAST_COLUMNS = 12
 PER_COLUMN = 2.0  # points in a column, on average, without which a grid cannot be told from chance
-OFF_GRID = 0.1  # of the pitch in the root mean square; points in no order are .29 off
+OFF_GRID = 0.05  # of the pitch in the root mean square; points in no order are .29 off
+LEAST_FILL = 0.005  # of the pixels between the outermost: a turned grid has far more lines than points
 LARGE_GAPS = 10  # of the gaps between columns, the one by which columns are told from rounding
 
 
@@ -41,36 +42,45 @@ def pixel_grid(xyz: Float[np.ndarray, "n 3"]) -> DepthImage | None:
 
     Example:
         >>> column, row = np.meshgrid(np.arange(40), np.arange(30))
-        >>> z = 500 + np.random.default_rng(0).normal(size=column.size)
+        >>> z = 500 + 20 * np.random.default_rng(0).normal(size=column.size)
         >>> xyz = np.stack([(column.ravel() - 20) * z / 600, (row.ravel() - 15) * z / 600, z], axis=1)
         >>> camera = pixel_grid(xyz)
-        >>> round(camera.focal_x_px), pixel_grid(xyz + [1.0, 0.0, 0.0])
+        >>> round(camera.focal_x_px), pixel_grid(xyz + np.array([30.0, 0.0, 0.0]))
         (600, None)
     """
     z = xyz[:, 2]
     if not ((z > 0).all() or (z < 0).all()):
         return None
-    pitches = _pitch(xyz[:, 0] / z), _pitch(xyz[:, 1] / z)
-    if pitches[0] is None or pitches[1] is None:
+    columns, rows = _lines(xyz[:, 0] / z), _lines(xyz[:, 1] / z)
+    if columns is None or rows is None or len(z) < LEAST_FILL * columns.number * rows.number:
         return None
-    return DepthImage(1 / pitches[0], 1 / pitches[1])
+    return DepthImage(1 / columns.pitch, 1 / rows.pitch)
 
 
-def _pitch(value: Float[np.ndarray, " n"]) -> float | None:
-    """The distance of which all numbers are whole multiples, but for a constant and rounding; None if there is none."""
+class _Lines(NamedTuple):
+    """Evenly spaced numbers: their distance, and how many there are from the first to the last."""
+
+    pitch: float
+    number: int
+
+
+def _lines(value: Float[np.ndarray, " n"]) -> _Lines | None:
+    """The lines that numbers lie on, evenly spaced but for rounding; None if there are none."""
     ordered = np.sort(value)
     gaps = np.diff(ordered)
     if len(gaps) < LEAST_COLUMNS * PER_COLUMN:
         return None
     large = np.sort(gaps)[-LARGE_GAPS:][0]
-    pitch = float(np.median(gaps[gaps > 0.5 * large])) if large > 0 else 0.0
-    if pitch == 0:
+    if not large > 0:
         return None
+    pitch = float(np.quantile(gaps[gaps > 0.2 * large], 0.1))  # columns may be missing: the least of the large gaps
     column = np.concatenate([[0.0], np.cumsum(np.round(gaps / pitch))])
     if not LEAST_COLUMNS <= column[-1] <= len(value) / PER_COLUMN:
         return None
     slope, start = np.polyfit(column, ordered, 1)
-    return float(slope) if np.std(ordered - start - slope * column) < OFF_GRID * slope else None
+    if np.std(ordered - start - slope * column) > OFF_GRID * slope:
+        return None
+    return _Lines(float(slope), int(column[-1]) + 1)
 
 
 def undistorted(xyz: Float[np.ndarray, "n 3"], coefficient: float) -> Float[np.ndarray, "n 3"]:
