@@ -144,7 +144,7 @@ class _Others:
         Raises:
             NoCableError: If so.
         """
-        if len(one.rows) > CLEAR * len(self.scan.xyz):
+        if one.result.keep.sum() > CLEAR * len(self.scan.xyz):
             return
         for number in range(2):
             if number == len(self.finds):
