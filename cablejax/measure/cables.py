@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Num
 
 from cablejax.geometry.principal import facing_up, principal_axes
+from cablejax.measure import agree
 from cablejax.measure.accept import accepted
 from cablejax.measure.agree import CLEAR
 from cablejax.measure.assemble import assembled
@@ -29,6 +30,7 @@ WITHIN = 0.5  # of a track's points, on cables measured before, above which it i
 THROUGH = 0.8  # of the sum of two radii, below which two axes have come too near: cables do not go through each other
 PIECE = 1.0  # diameters: shorter round things are none of the scene's cables
 ROUGH = 2.0  # times the surface's roughness, by which a smooth track scatters
+ROUGH_NOISE = 0.1  # of the radius
 LEAST_MERIT = 0.02  # of the best track's of all rounds: lesser ones are specks that no one asks about
 
 
@@ -144,6 +146,9 @@ class _Others:
         Raises:
             NoCableError: If so.
         """
+        if one.result.noise_mm > ROUGH_NOISE * one.radius_mm:  # a rough tube holds half of any cloud
+            self._measured_again(one)
+            return
         if one.result.keep.sum() > CLEAR * len(self.scan.xyz):
             return
         for number in range(2):
@@ -153,6 +158,20 @@ class _Others:
                 self.finds.append(find_cables(self.scan.xyz, rng=rng, every=True, limits=limits))
             if any(_is(self.finds[number], track, one) for track in self.finds[number].tracks):
                 return
+        raise found_once(one.result.diameter_mm)
+
+    def _measured_again(self, one: _Measured) -> None:
+        """Refuse what neither of two searches for the best cable measures alike."""
+        for number in (1, 2):
+            rng = np.random.default_rng(self.settings.seed + number)
+            find = find_cables(self.scan.xyz, rng=rng, limits=self.scan.moved(self.settings.limits))
+            for track in (track for track in find.tracks if _is(find, track, one)):
+                try:
+                    again = _one(self.scan, track, find, [], None, self.settings)
+                except MeasureError:
+                    continue
+                if agree.alike(again.result, one.result):
+                    return
         raise found_once(one.result.diameter_mm)
 
 
