@@ -108,6 +108,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--scale-std", type=float, default=0.0, metavar="RATIO", help="of the scanner's scale, 1e-4 say"
     )
+    parser.add_argument(
+        "--lens-std",
+        type=float,
+        metavar="K",
+        help="of the radial distortion that a depth image may still hold (default: 0.1; 0 if it was rectified)",
+    )
     parser.add_argument("--maker-std", type=float, default=0.0, metavar="MM", help="of makers' diameters about nominal")
     parser.add_argument("--seed", type=int, default=0, help="of the random samples in the search (default: 0)")
 

@@ -82,14 +82,18 @@ def settings(options: argparse.Namespace) -> "MeasureSettings":
         NoResultError: If the scanner is none, or a number is out of range.
     """
     from cablejax.measure import MeasureSettings
+    from cablejax.measure.depth_image import LENS_STD
 
     if options.stations is not None and options.stations < 1:
         raise NoResultError(f"--stations: expected at least 1, got {options.stations}")
+    if options.lens_std is not None and not 0 <= options.lens_std < float("inf"):
+        raise NoResultError(f"--lens-std: expected a number of at least 0, got {options.lens_std}")
     return MeasureSettings(
         section_mm=options.section,
         registration_std_mm=options.registration_std,
         scale_std=options.scale_std,
         maker_std_mm=options.maker_std,
+        lens_std=LENS_STD if options.lens_std is None else options.lens_std,
         stations=options.stations,
         instrument=instrument(options.scanner),
         limits=limits(options),

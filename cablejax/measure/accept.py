@@ -48,7 +48,7 @@ def accepted(scan: Scan, track: Track, find: Find, settings: MeasureSettings) ->
         MeasureError: With the reason.
     """
     try:
-        fitted = fit_track(scan.xyz, scan.station, track, find.planes, settings)
+        fitted = fit_track(scan, track, find.planes, settings)
     except MeasureError as error:  # nothing round there; where most is flat, that is the reason to give
         raise nothing_found(find) if find.flat_share > 0.5 else error from None
     fit = fitted.fit

@@ -10,6 +10,7 @@ from cablejax.measure.errors import MeasureError, NoCableError
 from cablejax.measure.messages import about_one_find, about_other_find, found_once
 from cablejax.measure.result import CableMeasurement
 
+CLEAR = 0.5  # of the scan's points: a cable that holds more of them is not found by chance
 NEAR = 0.5  # radii between the axes of what is the same thing
 ALIKE = 0.02  # of the diameter, by which two fits to the same thing may differ whatever their intervals
 

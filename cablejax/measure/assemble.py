@@ -10,6 +10,7 @@ from cablejax.measure.accept import PER_SECTION
 from cablejax.measure.find.cables import Find
 from cablejax.measure.fit.axis import Axis, trimmed
 from cablejax.measure.fit.beam_noise import BeamBias
+from cablejax.measure.fit.depth_camera import blur_effect, lens_effect
 from cablejax.measure.fit.full import Fitted, beams, higher_order
 from cablejax.measure.fit.least_squares import CableFit
 from cablejax.measure.messages import (
@@ -102,7 +103,7 @@ def assembled(
     """
     fit = fitted.fit
     form = _form(scan, fitted, find)
-    diameter = _diameter(fitted, form, arc, settings)
+    diameter = _diameter(scan, fitted, form, arc, settings)
     value, std, shape, bias = diameter.value_mm, diameter.std_mm, diameter.shape, diameter.beam.bias_mm
     used = fit.weight > 0
     low, high = float(fit.place.s[used].min()), float(fit.place.s[used].max())
@@ -231,7 +232,7 @@ def _with_common(stretches: tuple[Stretch, ...], diameter: _Diameter, low: float
     )
 
 
-def _diameter(fitted: Fitted, form: _Form, arc: float, settings: MeasureSettings) -> _Diameter:
+def _diameter(scan: Scan, fitted: Fitted, form: _Form, arc: float, settings: MeasureSettings) -> _Diameter:
     """Diameter and uncertainty.
 
     Raises:
@@ -267,6 +268,8 @@ def _diameter(fitted: Fitted, form: _Form, arc: float, settings: MeasureSettings
         against_mm=form.against_mm if sweep is None else 0.0,  # sections still hold the sweeps' shifts
         scale_std=settings.scale_std,
         filter_std_mm=settings.filter_std_mm,
+        lens_mm=0.0 if scan.camera is None else lens_effect(fitted, scan.origin, settings.lens_std),
+        blur_mm=0.0 if scan.camera is None else blur_effect(fitted, scan.camera),
         one_view=settings.stations == 1,
     )
     std = combined(budget)

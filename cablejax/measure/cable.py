@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Int, Num
 
 from cablejax.measure.accept import first_that_fits
-from cablejax.measure.agree import confirmed
+from cablejax.measure.agree import CLEAR, confirmed
 from cablejax.measure.assemble import assembled
 from cablejax.measure.find.cables import find_cables
 from cablejax.measure.labelled import LabelledMeasurement, PointLabels, decided
@@ -15,8 +15,6 @@ from cablejax.measure.result import CableMeasurement
 from cablejax.measure.scan import Scan, scan_of
 from cablejax.measure.settings import MeasureSettings
 from cablejax.types import PointCloud
-
-CLEAR = 0.5  # of the scan's points: a cable that holds more of them is not found by chance
 
 
 def measure_cable(
@@ -69,6 +67,7 @@ def measure_cable(
         return measure_labelled(cloud_or_xyz_mm, lambda: labels, **given).result
     # 1. The points that are looked at, near the origin in float64.
     scan = scan_of(cloud_or_xyz_mm, station=station, on_cable=on_cable, limits=settings.limits)
+    settings = scan.views(settings)
     # 2. Search, fit and judge; in clutter again with other random samples, since one search may be misled.
     first = _searched(scan, catalogue, settings, settings.seed)
     if first.keep.sum() > CLEAR * len(scan.xyz):

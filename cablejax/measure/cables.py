@@ -7,13 +7,15 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Num
 
 from cablejax.geometry.principal import facing_up, principal_axes
+from cablejax.measure import agree
 from cablejax.measure.accept import accepted
+from cablejax.measure.agree import CLEAR
 from cablejax.measure.assemble import assembled
 from cablejax.measure.errors import MeasureError, NoCableError
-from cablejax.measure.find.cables import Find, find_cables, several
+from cablejax.measure.find.cables import Find, alike, find_cables, several
 from cablejax.measure.find.track import Track
 from cablejax.measure.fit.axis import Axis, Place, locate, sampled
-from cablejax.measure.messages import about_number, nothing_found
+from cablejax.measure.messages import about_number, found_once, nothing_found
 from cablejax.measure.result import CableMeasurement, CableScene, NotMeasured
 from cablejax.measure.scan import Scan, scan_of
 from cablejax.measure.settings import MeasureSettings, SearchLimits
@@ -28,6 +30,7 @@ WITHIN = 0.5  # of a track's points, on cables measured before, above which it i
 THROUGH = 0.8  # of the sum of two radii, below which two axes have come too near: cables do not go through each other
 PIECE = 1.0  # diameters: shorter round things are none of the scene's cables
 ROUGH = 2.0  # times the surface's roughness, by which a smooth track scatters
+ROUGH_NOISE = 0.1  # of the radius
 LEAST_MERIT = 0.02  # of the best track's of all rounds: lesser ones are specks that no one asks about
 
 
@@ -70,6 +73,7 @@ def measure_cables(
     if expect is not None and expect < 1:
         raise ValueError(f"expect: expected at least 1, got {expect}")
     scan = scan_of(cloud_or_xyz_mm, station=station, on_cable=on_cable, limits=settings.limits)
+    settings = scan.views(settings)
     found, failed = _every(scan, catalogue, settings)
     if not found:
         raise failed[0].error
@@ -108,22 +112,72 @@ def _every(
     failed: list[_Failed] = []
     rng = np.random.default_rng(settings.seed)
     best = 0.0
-    for _ in range(ROUNDS):
+    for turn in range(ROUNDS):
         find = find_cables(scan.xyz, rng=rng, every=True, limits=scan.moved(settings.limits))
+        others = _Others(scan, settings, turn)
         before, best = len(found), max([best, *(track.merit for track in find.tracks)])
         failed = [] if find.tracks else [_Failed(None, nothing_found(find))]
         for track in _worth(find, LEAST_MERIT * best):
             if _taken(find, track, found[before:]):
                 continue
             try:
-                found.append(_one(scan, track, find, found, catalogue, settings))
+                one = _one(scan, track, find, found, catalogue, settings)
+                others.confirm(one)
             except MeasureError as error:
                 failed.append(_Failed(track, error))
                 continue
-            scan = scan.subset(~np.isin(scan.rows, found[-1].rows))
+            found.append(one)
+            scan = scan.subset(~np.isin(scan.rows, one.rows))
         if len(found) == before or len(scan.xyz) < 50:
             break
     return found, failed
+
+
+class _Others:
+    """Further searches of what a round began with, made when they are first asked for: a cable must be found by one of two."""
+
+    def __init__(self, scan: Scan, settings: MeasureSettings, turn: int) -> None:
+        self.scan, self.settings, self.turn = scan, settings, turn
+        self.finds: list[Find] = []
+
+    def confirm(self, one: _Measured) -> None:
+        """Refuse what neither finds, unless it holds most of the points.
+
+        Raises:
+            NoCableError: If so.
+        """
+        if one.result.noise_mm > ROUGH_NOISE * one.radius_mm:  # a rough tube holds half of any cloud
+            self._measured_again(one)
+            return
+        if one.result.keep.sum() > CLEAR * len(self.scan.xyz):
+            return
+        for number in range(2):
+            if number == len(self.finds):
+                rng = np.random.default_rng((self.settings.seed, self.turn, number))
+                limits = self.scan.moved(self.settings.limits)
+                self.finds.append(find_cables(self.scan.xyz, rng=rng, every=True, limits=limits))
+            if any(_is(self.finds[number], track, one) for track in self.finds[number].tracks):
+                return
+        raise found_once(one.result.diameter_mm)
+
+    def _measured_again(self, one: _Measured) -> None:
+        """Refuse what neither of two searches for the best cable measures alike."""
+        for number in (1, 2):
+            rng = np.random.default_rng(self.settings.seed + number)
+            find = find_cables(self.scan.xyz, rng=rng, limits=self.scan.moved(self.settings.limits))
+            for track in (track for track in find.tracks if _is(find, track, one)):
+                try:
+                    again = _one(self.scan, track, find, [], None, self.settings)
+                except MeasureError:
+                    continue
+                if agree.alike(again.result, one.result):
+                    return
+        raise found_once(one.result.diameter_mm)
+
+
+def _is(find: Find, track: Track, one: _Measured) -> bool:
+    """Whether a track is a measured cable: about as thick, and most of its points on it."""
+    return alike(track.radius_mm, one.radius_mm) and _taken(find, track, [one])
 
 
 def _worth(find: Find, least_merit: float) -> list[Track]:

@@ -179,6 +179,14 @@ def unknown_diameter(diameter_mm: float, std_mm: float, arc_deg: float) -> Measu
     )
 
 
+def too_few_pixels(diameter_mm: float, pitch_mm: float) -> MeasureError:
+    """The error for a thing that a depth image shows on few pixels."""
+    return MeasureError(
+        f"The diameter cannot be told: {diameter_mm:.3g} mm are {diameter_mm / pitch_mm:.0f} pixels of the depth image, whose "
+        "blur leaves nothing round of it. Scan the cable from nearer."
+    )
+
+
 def too_flat(arc_deg: float, noise_mm: float, radius_mm: float) -> MeasureError | None:
     """The error for an arc that stands out of its own noise too little to have a radius; None if it does not."""
     if arc_deg >= FLAT_ARC_DEG:

@@ -5,8 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from cablejax.measure.depth_image import DepthImage, pixel_grid
 from cablejax.measure.messages import check_box, check_cloud, check_labels
-from cablejax.measure.settings import SearchLimits
+from cablejax.measure.settings import MeasureSettings, SearchLimits
 from cablejax.types import PointCloud
 
 
@@ -20,6 +21,7 @@ class Scan:
         station: Number of the scanner position of each `[m]`; None if unknown.
         origin: Where zero lies `[3]`, mm.
         count: Rows of the scan as given.
+        camera: The one on whose pixels the points lie, in the zero of the scan as given; None if they lie on none.
     """
 
     xyz: Float[np.ndarray, "m 3"]
@@ -27,11 +29,18 @@ class Scan:
     station: Int[np.ndarray, " m"] | None
     origin: Float[np.ndarray, "3"]
     count: int
+    camera: DepthImage | None = None
 
     def subset(self, keep: Bool[np.ndarray, " m"]) -> "Scan":
         """The points that are kept alone."""
         station = None if self.station is None else self.station[keep]
-        return Scan(self.xyz[keep], self.rows[keep], station, self.origin, self.count)
+        return replace(self, xyz=self.xyz[keep], rows=self.rows[keep], station=station)
+
+    def views(self, settings: MeasureSettings) -> MeasureSettings:
+        """The settings with what the points themselves tell: a depth image is a single view, unless stations are given."""
+        if self.camera is None or self.station is not None or settings.stations is not None:
+            return settings
+        return replace(settings, stations=1)
 
     def moved(self, limits: SearchLimits) -> SearchLimits:
         """The limits with their point in the coordinates of `xyz`."""
@@ -78,6 +87,7 @@ def scan_of(
         station=None if station is None else np.asarray(station)[valid],
         origin=origin,
         count=len(every),
+        camera=pixel_grid(every[valid]),
     )
 
 

@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass, field
 
+from cablejax.measure.depth_image import LENS_STD
 from cablejax.measure.fit.beam_noise import Instrument
 
 Point = tuple[float, float, float]
@@ -60,7 +61,10 @@ class MeasureSettings:
         filter_std_mm: Standard deviation that a filter applied before has left in the diameter, for the budget.
         maker_std_mm: Standard deviation of the makers' diameters about the catalogue's, for the nominal size.
         stations: Number of scanner positions, where it is known: 1 for a single view, which has no alignment to doubt and
-            no sweeps to tell apart. None where it is not known.
+            no sweeps to tell apart. None where it is not known; a scan that lies on the pixels of a depth image is then a
+            single view.
+        lens_std: Standard deviation of the first radial coefficient of the lens distortion that a scan from a depth image
+            may still hold; 0 where the image was rectified.
         instrument: The scanner's noise and beam, by which their effects on the diameter are taken off more exactly.
         limits: What is known of the cables that are sought.
         seed: Of the random samples with which the cable is sought.
@@ -74,6 +78,7 @@ class MeasureSettings:
     filter_std_mm: float = 0.0
     maker_std_mm: float = 0.0
     stations: int | None = None
+    lens_std: float = LENS_STD
     instrument: Instrument | None = None
     limits: SearchLimits = field(default_factory=SearchLimits)
     seed: int = 0
@@ -81,3 +86,5 @@ class MeasureSettings:
     def __post_init__(self) -> None:
         if self.stations is not None and self.stations < 1:
             raise ValueError(f"stations: expected at least 1, got {self.stations}")
+        if not 0 <= self.lens_std < math.inf:
+            raise ValueError(f"lens_std: expected a number of at least 0, got {self.lens_std!r}")

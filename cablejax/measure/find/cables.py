@@ -107,10 +107,11 @@ def several(track: Track, others: list[Track]) -> bool:
 
 def same(track: Track, other: Track) -> bool:
     """Whether two tracks are the same thing: common points and about the same radius."""
-    return share(track, other) > 0.3 and _alike(track.radius_mm, other.radius_mm)
+    return share(track, other) > 0.3 and alike(track.radius_mm, other.radius_mm)
 
 
-def _alike(radius: float, other: float) -> bool:
+def alike(radius: float, other: float) -> bool:
+    """Whether two radii may be of the same thing."""
     return 1 / 1.5 < radius / other < 1.5
 
 
@@ -157,7 +158,7 @@ def _tracks(thinned: Surface, candidates: list[Candidate], most: int) -> list[Tr
         # A short piece does not hide the cable it lies on; nor a cylinder of another radius the right one, on a smooth surface.
         smooth = ROUGHNESSES * thinned.roughness_mm < TOLERANCE * radius
         long = [track for track in tracks if track.length_mm >= 4 * track.radius_mm]
-        before = [track.rows for track in long if not smooth or _alike(track.radius_mm, radius)]
+        before = [track.rows for track in long if not smooth or alike(track.radius_mm, radius)]
         if len(tracks) >= most or (before and np.isin(rows, np.concatenate(before)).mean() > 0.5):
             continue
         track = follow(thinned, candidate.cylinder)

@@ -128,6 +128,23 @@ def point_at(axis: Axis, place: Place) -> Float[np.ndarray, "n 3"]:
     return base + place.u[:, None] * across + place.v[:, None] * np.cross(tangent, across)
 
 
+def turns_by(axis: Axis, length_mm: float) -> Float[np.ndarray, " m"]:
+    """The angle in radians by which the curve turns over a length, about each sample `[m]`: between the tangents at its ends."""
+    step = float(axis.s[1] - axis.s[0])
+    half = max(1, round(0.5 * length_mm / step))
+    rows = np.arange(len(axis.s))
+    before, after = np.maximum(rows - half, 0), np.minimum(rows + half, len(axis.s) - 1)
+    cosine = np.einsum("ij,ij->i", axis.tangent[before], axis.tangent[after])
+    return np.arccos(np.clip(cosine, -1.0, 1.0))
+
+
+def bearing(axis: Axis, s: Float[np.ndarray, " n"], point: Float[np.ndarray, "3"]) -> Float[np.ndarray, " n"]:
+    """The angle in radians in the frame at arc lengths `[n]` under which a point lies, as `arctan2(v, u)` of a place."""
+    base, tangent, across = _frame_at(axis, s)
+    way = point - base
+    return np.arctan2(np.einsum("ij,ij->i", way, np.cross(tangent, across)), np.einsum("ij,ij->i", way, across))
+
+
 def _frame_at(axis: Axis, s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Point, tangent and first frame vector at arc lengths, between the samples and beyond the ends."""
     step = axis.s[1] - axis.s[0]

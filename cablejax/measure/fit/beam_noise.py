@@ -199,7 +199,7 @@ def known_beam_bias(
     noise, jitter = less * rng.normal(size=(2, len(rows)))
     for sign in (1.0, -1.0):
         depth = _scanned(aside[rows], instrument, radius, sign * noise, sign * jitter)
-        change.append(refit(_placed(fit, rows, turned[rows], aside[rows], depth), rows).radius_mm - radius)
+        change.append(refit(placed(fit, rows, turned[rows], aside[rows], depth), rows).radius_mm - radius)
     bias = 2 * float(np.mean(change))
     how = f"{100 * KNOWN_DOUBT:.0f} % of the {bias:.2g} mm taken off, from scanning the fitted cable with the scanner's numbers"
     return BeamBias(bias, KNOWN_DOUBT * abs(bias), how, excess)
@@ -226,7 +226,7 @@ def _scanned(
     return depth - instrument.range_std_mm * cosine**-instrument.incidence_power * noise
 
 
-def _placed(
+def placed(
     fit: CableFit, rows: np.ndarray, turned: np.ndarray, aside: np.ndarray, depth: np.ndarray
 ) -> Float[np.ndarray, "m 3"]:
     """Points in space `[m, 3]` that lie `aside` of the axis and `depth` before it, as the scanner of each row sees it."""

@@ -8,13 +8,14 @@ from cablejax.geometry.principal import principal_axes
 from cablejax.measure.errors import MeasureError, NoCableError
 from cablejax.measure.find.planes import Plane
 from cablejax.measure.find.track import Track
-from cablejax.measure.fit.axis import Axis, locate, sampled, smoothed, trimmed
+from cablejax.measure.fit.axis import Axis, locate, sampled, smoothed, trimmed, turns_by
 from cablejax.measure.fit.least_squares import CableFit, fit_cable
 from cablejax.measure.shape.ends import extent
 
 MIN_ON_CABLE = 30
 KNOTS = 1.0  # diameters between knots of an axis that bends
 COARSE_POINTS = 8_000  # on which the first fits are made
+SHARPEST = np.radians(60.0)  # within one diameter: a bend radius of .95 diameters
 
 
 class Start(NamedTuple):
@@ -93,10 +94,22 @@ def _cut(xyz: np.ndarray, axis: Axis, radius: float, planes: list[Plane], *, kno
 
 
 def seen(fit: CableFit) -> tuple[float, float]:
-    """The stretch of a fit's length that shows the thing it was fitted to."""
+    """The stretch of a fit's length that shows the thing it was fitted to, and does not turn as no cable does.
+
+    Where an axis turns by more than `SHARPEST` within a diameter, its bend radius is below a diameter: past its end a curve
+    follows whatever comes. Of the stretches between such places the one with the most points counts.
+    """
     used = fit.weight > 0
     angle = np.arctan2(fit.place.v[used], fit.place.u[used])
-    return extent(fit.place.s[used], angle, radius_mm=fit.radius_mm)
+    along = fit.place.s[used]
+    calm = turns_by(fit.axis, 2 * fit.radius_mm) <= SHARPEST
+    if calm.any() and not calm.all():
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], calm.astype(int), [0]]))).reshape(-1, 2)
+        runs = [(along >= fit.axis.s[first]) & (along <= fit.axis.s[last - 1]) for first, last in edges]
+        longest = max(runs, key=np.count_nonzero)
+        if longest.sum() >= MIN_ON_CABLE:
+            along, angle = along[longest], angle[longest]
+    return extent(along, angle, radius_mm=fit.radius_mm)
 
 
 def tube(

@@ -22,6 +22,8 @@ FORM = "form deviation along the axis"
 LACK_OF_FIT = "lack of fit of the sections"
 SCALE = "scale calibration"
 FILTER = "filter bias"
+LENS = "lens distortion of a depth image"
+BLUR = "blur of a depth image"
 
 
 def uncertainty_budget(
@@ -37,6 +39,8 @@ def uncertainty_budget(
     against_mm: float,
     scale_std: float,
     filter_std_mm: float,
+    lens_mm: float,
+    blur_mm: float,
     one_view: bool,
 ) -> tuple[BudgetLine, ...]:
     """Sources of uncertainty of the diameter, each with its standard deviation in mm.
@@ -54,6 +58,8 @@ def uncertainty_budget(
         against_mm: By how much the sections' own diameters differ from the common one, beyond what both are known to.
         scale_std: Relative standard deviation of the scanner's scale.
         filter_std_mm: Standard deviation of the diameter that a filter applied before has left.
+        lens_mm: What a lens distortion that was left in the scan may have done to the diameter.
+        blur_mm: What the blur of a depth image may have done to it.
         one_view: Whether the scan is known to be a single view.
     """
     # What exceeds independent noise is shown as lines of its own, one estimate from short patches, one from directions.
@@ -90,6 +96,10 @@ def uncertainty_budget(
             "A",
             "excess of the difference between the sections' mean diameter and the fitted one over its standard deviation",
         ),
+        BudgetLine(
+            LENS, lens_mm, "B", "the fitted cable seen through a lens whose distortion was left in, fitted again"
+        ),
+        BudgetLine(BLUR, blur_mm, "B", "the fitted cable blurred over five pixels, fitted again"),
     )
     given = (
         BudgetLine(SCALE, scale_std * 2 * fit.radius_mm, "B", "scale of the scanner as given"),
