@@ -52,20 +52,13 @@ def pixel_grid(xyz: Float[np.ndarray, "n 3"]) -> DepthImage | None:
     if not ((z > 0).all() or (z < 0).all()):
         return None
     columns, rows = _lines(xyz[:, 0] / z), _lines(xyz[:, 1] / z)
-    if columns is None or rows is None or len(z) < LEAST_FILL * columns.number * rows.number:
+    if columns is None or rows is None or len(z) < LEAST_FILL * columns[1] * rows[1]:
         return None
-    return DepthImage(1 / columns.pitch, 1 / rows.pitch)
+    return DepthImage(1 / columns[0], 1 / rows[0])
 
 
-class _Lines(NamedTuple):
-    """Evenly spaced numbers: their distance, and how many there are from the first to the last."""
-
-    pitch: float
-    number: int
-
-
-def _lines(value: Float[np.ndarray, " n"]) -> _Lines | None:
-    """The lines that numbers lie on, evenly spaced but for rounding; None if there are none."""
+def _lines(value: Float[np.ndarray, " n"]) -> tuple[float, int] | None:
+    """Distance and number of the evenly spaced lines that numbers lie on but for rounding; None if there are none."""
     ordered = np.sort(value)
     gaps = np.diff(ordered)
     if len(gaps) < LEAST_COLUMNS * PER_COLUMN:
@@ -80,7 +73,7 @@ def _lines(value: Float[np.ndarray, " n"]) -> _Lines | None:
     slope, start = np.polyfit(column, ordered, 1)
     if np.std(ordered - start - slope * column) > OFF_GRID * slope:
         return None
-    return _Lines(float(slope), int(column[-1]) + 1)
+    return float(slope), int(column[-1]) + 1
 
 
 def undistorted(xyz: Float[np.ndarray, "n 3"], coefficient: float) -> Float[np.ndarray, "n 3"]:

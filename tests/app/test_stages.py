@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from cablejax.cli import main
+from cablejax.cli import main, measure_input
 from cablejax.cli.app_stages import STAGES, stage
 from cablejax.io import write_points
 from tests.app.scans import two_cables
@@ -106,13 +106,13 @@ def test_what_cannot_be_measured_is_told_in_the_commands_sentence(folder, capsys
 
 def test_one_thing_that_measure_refuses_is_none_of_several(folder, monkeypatch):
     """In mere noise the search for several may take for a cable what the closer look at one does not."""
-    import cablejax.measure
+    from cablejax.measure import MeasureError
 
     def refuse(*_, **__):
-        raise cablejax.measure.MeasureError("No cable found.")
+        raise MeasureError("No cable found.")
 
     write_points("a.ply", bent_cable(n=1500))
-    monkeypatch.setattr(cablejax.measure, "measure_cable", refuse)
+    monkeypatch.setattr(measure_input, "measured", refuse)
     assert work("a.ply", "--unit", "mm", until="every")["error"] == "a.ply: No cable found."
     write_points("a.ply", two_cables(1500))
     found = work("a.ply", "--unit", "mm", until="every")
