@@ -125,6 +125,7 @@ def _start(engine: Engine, run: RunFolder | None) -> tuple[TrainState, Any, list
     """State, best weights and history to begin with: the folder's, or fresh ones."""
     state = engine.initial_state()
     best = jax.tree.map(jnp.copy, engine.weights(state)) if engine.config.keep_best else None
+    engine.placement.meet()  # a checkpoint that one process reads and another does not yet see would part them for good
     found = None if run is None else run.load(engine.placement.local((state, best)))
     if found is None:
         return state, best, []

@@ -6,6 +6,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.experimental import multihost_utils
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 
@@ -33,6 +34,11 @@ class Placement:
                 f"batch_size: expected a multiple of the {len(self.devices)} devices, got {batch_size}; "
                 "take another size, or give `devices`"
             )
+
+    def meet(self) -> None:
+        """Wait for the other processes: what the first one wrote before it came here, all can read afterwards."""
+        if jax.process_count() > 1:
+            multihost_utils.sync_global_devices("cablejax.train")
 
     def replicate(self, tree: Any) -> Any:
         """The tree with every array on every device."""

@@ -113,5 +113,5 @@ def test_cables_seen_all_round_fill_what_others_leave_empty(capsys, scans):
 def test_the_schema_lists_the_sources_of_the_budget(name):
     text = json.dumps(read_schema(name))
     sources = [value for key, value in vars(budget).items() if key.isupper() and isinstance(value, str)]
-    assert len(sources) == 11
+    assert len(sources) == 13
     assert json.dumps(sources) in text
