@@ -8,6 +8,7 @@ from experiments.analysis.results import NAMES, Results
 from experiments.display.table import Table, told
 
 NOISES = ("gaussian", "random", "compound")
+Cell = dict[str, Any]
 FILTERS = ("statistical", "radius", "median", "adaptive")  # the paper's, in its order
 
 
@@ -93,9 +94,6 @@ def table1_noise(results: Results) -> Table:
         "Impulses: of the points that impulsive noise threw more than 1.5 mm off the surface, the share removed. All kinds "
         "have the same power at the same ratio.",
     )
-
-
-Cell = dict[str, Any]
 
 
 def _side_by_side(
