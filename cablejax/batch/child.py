@@ -40,6 +40,7 @@ class Child:
         self._process: subprocess.Popen[str] | None = None
         self._errors: IO[bytes] | None = None
         self.closed, self._late = False, False
+        self._unheard = 0  # answers to tasks that nobody waits for
         self._lock = threading.Lock()
 
     def run(self, task: Task, *, retries: int = RETRIES) -> Outcome:
@@ -61,18 +62,21 @@ class Child:
                 return Outcome(task.name, "crashed", reason=reason, attempts=attempt)
         return Outcome(task.name, "crashed", reason=f"its process {reason}, {retries + 1} times", attempts=retries + 1)
 
+    def warm(self, task: Task) -> None:
+        """Begin a task whose outcome nobody waits for; the next one is begun after it."""
+        self._unheard += self._handed(task) is not None
+
     def _attempt(self, task: Task) -> Outcome | None:
         """The outcome, None where the process has died."""
         self._late = False
-        process = self._process if self._process is not None else self._started()
-        assert process.stdin is not None
-        assert process.stdout is not None
-        try:
-            process.stdin.write(json.dumps(task) + "\n")
-            process.stdin.flush()
-        except OSError:  # it has died since the last task
+        process = self._handed(task)
+        if process is None:
             return None
+        assert process.stdout is not None
         with self._limited(task.time_limit_s, process):
+            while self._unheard:
+                process.stdout.readline()
+                self._unheard -= 1
             line = process.stdout.readline()
         if not line.endswith("\n"):
             return None
@@ -80,6 +84,17 @@ class Child:
         if last:
             self._buried()
         return Outcome(*outcome)
+
+    def _handed(self, task: Task) -> subprocess.Popen[str] | None:
+        """The process, with the task in its queue; None where it has died since the last one."""
+        process = self._process if self._process is not None else self._started()
+        assert process.stdin is not None
+        try:
+            process.stdin.write(json.dumps(task) + "\n")
+            process.stdin.flush()
+        except OSError:
+            return None
+        return process
 
     @contextlib.contextmanager
     def _limited(self, seconds: float | None, process: subprocess.Popen[str]) -> Iterator[None]:
@@ -126,7 +141,7 @@ class Child:
         for stream in (errors, process.stdin, process.stdout):
             with contextlib.suppress(OSError):  # what it did not take any more
                 stream.close()  # pyright: ignore[reportOptionalMemberAccess]
-        self._process = self._errors = None
+        self._process, self._errors, self._unheard = None, None, 0
         if code < 0:
             with contextlib.suppress(ValueError):
                 return f"crashed ({signal.Signals(-code).name})"

@@ -24,6 +24,10 @@ class Engine(Protocol):
         """An outcome a task. Closing the generator ends the tasks in flight."""
         ...
 
+    def warm(self, task: Task) -> None:
+        """Begin a task, whose outcome nobody waits for, where it does not keep this process from its own work."""
+        ...
+
     def close(self) -> None:
         """Let go of what is kept between runs."""
         ...
@@ -36,6 +40,9 @@ class Here:
         """As `Engine.run`; KeyboardInterrupt goes through."""
         for task in tasks:
             yield call(task)
+
+    def warm(self, task: Task) -> None:
+        """It would keep this process; nothing is begun."""
 
     def close(self) -> None:
         """Nothing is kept."""
@@ -85,6 +92,12 @@ class Processes:
                     child.bury()
                 else:
                     self._idle.append(child)
+
+    def warm(self, task: Task) -> None:
+        """Begin the task in every process, all of which are started."""
+        self._idle += [Child() for _ in range(self.jobs - len(self._idle))]
+        for child in self._idle:
+            child.warm(task)
 
     def close(self) -> None:
         """End the processes."""
@@ -153,6 +166,9 @@ class Dask:
             }
             for future in as_completed(list(futures), loop=client.loop):
                 yield self._outcome(future, futures.pop(future))
+
+    def warm(self, task: Task) -> None:
+        """Workers are not known before there is work for them; nothing is begun."""
 
     def close(self) -> None:
         """Nothing is kept here."""

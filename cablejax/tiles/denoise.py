@@ -13,7 +13,7 @@ from cablejax.batch import Engine, Here, Task
 from cablejax.io import PointWriter, iter_points
 from cablejax.ops import Trial, choose_alpha, pilot_places, usual_noise
 from cablejax.tiles.folder import Folder, TilePoints
-from cablejax.tiles.plan import Tile, add, cut, empty_grid
+from cablejax.tiles.plan import Tile, add, cut, dealt, empty_grid
 from cablejax.tiles.region import region_of
 from cablejax.tiles.survey import blocks, survey, typical_reach
 from cablejax.tiles.work import PILOT_ROWS, QUERIES, STRAYS
@@ -128,6 +128,8 @@ class _Run:
     def prepare(self, source: Path, unit: str, columns: str | None, chunk: int) -> None:
         """Read the file, cut it into tiles, and where each does not fetch its points itself write them into its file."""
         self.about = self.folder.done("survey")
+        if self.folder.done("plan") is None:
+            self.engine.warm(Task("programs", "cablejax.tiles.work:warm", self._programs(), os.getcwd()))
         if self.about is None:
             self.progress("reading", 0, 1)
             self.about = self.folder.finish(
@@ -145,6 +147,11 @@ class _Run:
             plan = self.folder.finish("plan", self._cut())
         self.halo, self.boxes = plan["halo"], [[low, high, plan["halo"]] for low, high in plan["boxes"]]
 
+    def _programs(self) -> dict[str, Any]:
+        settings = self.settings
+        own = {"k": settings.k, "order": settings.order, "refinements": settings.refinements}
+        return {"capacity": self.capacity, "removal_k": settings.removal_k, "smooth": settings.smooth, **own}
+
     def _cut(self) -> dict[str, Any]:
         settings = self.settings
         hops = 1 + (settings.refinements if settings.order else 0)
@@ -161,11 +168,8 @@ class _Run:
     def _spool(self, tiles: list[Tile]) -> None:
         """Write each tile's points into a file of its own, in one pass over all."""
         for row, xyz in blocks(self.points, 1_000_000):
-            wide = xyz.astype(np.float64)
-            for i, tile in enumerate(tiles):
-                near = np.nonzero(tile.outer(wide))[0]
-                if len(near):
-                    self.folder.spool(i, TilePoints(row[near], xyz[near], tile.inner(wide[near])))
+            for i, near, own in dealt(tiles, xyz.astype(np.float64)):
+                self.folder.spool(i, TilePoints(row[near], xyz[near], own))
 
     def _each(self, stage: str, function: str, *, box: bool = False, **arguments: Any) -> Iterator[tuple[int, Any]]:
         """Work on the tiles that a stage has still to do: number and what was returned, in any order.

@@ -10,7 +10,7 @@ from cablejax.io import PointFileError, iter_points
 from cablejax.tiles.folder import Folder
 
 SAMPLE = 64  # points whose neighbourhoods are measured
-BLOCK = 50_000  # points compared with them at once
+BLOCK = 5_000  # points compared with them at once: they stay in the cache
 
 
 def survey(folder: Folder, source: Path, *, unit: str, columns: str | None, chunk: int) -> dict[str, Any]:
@@ -50,12 +50,9 @@ def typical_reach(points: Float[np.ndarray, "n 3"], k: int) -> float:
     queries = queries[np.isfinite(queries).all(axis=1)]
     best = np.full((len(queries), k + 1), np.inf)
     for _, xyz in blocks(points, BLOCK):
-        # Squares far from the origin lose digits; a halo needs none of them.
-        square = ((queries[:, None, :] - xyz[None]) ** 2).sum(axis=2) if len(xyz) < 1000 else _squares(queries, xyz)
-        best = np.sort(
-            np.concatenate([best, np.partition(square, min(k, square.shape[1] - 1), axis=1)[:, : k + 1]], 1), 1
-        )
-        best = best[:, : k + 1]
+        square = _squares(queries, xyz)
+        nearer = square[:, (square < best[:, -1:]).any(axis=0)]  # few, after the first blocks
+        best = np.partition(np.concatenate([best, nearer], axis=1), k, axis=1)[:, : k + 1]
     return float(np.quantile(np.sqrt(best[:, -1]), 0.95))
 
 

@@ -33,13 +33,22 @@ class Traced:
 
     def __call__(self, *arrays: Any, **static: Any) -> Any:
         """The function's result."""
-        store = trace_store() if importlib.util.find_spec("flatbuffers") is not None else None
+        store = _store()
         if store is None:
             return self._function(*arrays, **static)
+        return self._program(store, arrays, static)(*arrays)
+
+    def load(self, *arrays: Any, **static: Any) -> None:
+        """Have the program for such arguments ready, read or compiled and not run."""
+        store = _store()
+        if store is not None:
+            self._program(store, arrays, static)
+
+    def _program(self, store: ProgramStore, arrays: Any, static: dict[str, Any]) -> Callable[..., Any]:
         key = self._key(arrays, static)
         if key not in self._programs:
-            self._programs[key] = jax.jit(self._exported(store, key, arrays, static).call)
-        return self._programs[key](*arrays)
+            self._programs[key] = jax.jit(self._exported(store, key, arrays, static).call).lower(*arrays).compile()
+        return self._programs[key]
 
     def _key(self, arrays: Any, static: dict[str, Any]) -> str:
         """What a trace depends on: the sources, jax, the kind of device, the arguments' shapes and the static ones."""
@@ -54,6 +63,10 @@ class Traced:
             kept = bytes(export.export(self._function)(*arrays, **static).serialize())
             store.put(key, kept)
         return export.deserialize(bytearray(kept))
+
+
+def _store() -> ProgramStore | None:
+    return trace_store() if importlib.util.find_spec("flatbuffers") is not None else None
 
 
 @functools.cache

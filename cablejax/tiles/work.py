@@ -20,6 +20,18 @@ STRAYS = "strays.npy"
 PILOT_ROWS = "pilots.npy"
 
 
+def warm(*, capacity: int, removal_k: int, smooth: bool, **options: int) -> None:
+    """Load, or compile, the programs of all work here: a process can while another still reads the file."""
+    cloud, one = kernels.padded(np.zeros((1, 3), np.float32), capacity), jnp.float32(1.0)
+    kernels.scores.load(cloud, removal_k=removal_k)
+    kernels.nearest.load(cloud, jnp.zeros((QUERIES, 3)), removal_k=removal_k)
+    if smooth and options["order"]:
+        pilots = jnp.full(PILOTS, -1, jnp.int32)
+        kernels.width_trial.load(cloud, cloud.mask, pilots, k=options["k"], order=options["order"])
+    if smooth:
+        kernels.smooth.load(cloud, cloud.mask, one, one, **options)
+
+
 def score(
     *, folder: str, tile: int, box: list[Any], capacity: int, removal_k: int, region: dict[str, Any] | None
 ) -> dict[str, Any]:

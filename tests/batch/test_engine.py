@@ -61,6 +61,30 @@ def test_a_task_that_takes_too_long_is_given_up_and_costs_no_other(tmp_path):
 
 
 @POSIX
+@pytest.mark.parametrize("beforehand", [{"function": "add", "x": 5, "y": 5}, {"function": "stop", "code": 3}])
+def test_what_is_begun_beforehand_is_not_told_and_costs_no_task(beforehand):
+    engine = Processes(2)
+    engine.warm(task(**beforehand))
+    for _ in range(2):
+        found = {
+            outcome.name: outcome.value for outcome in engine.run([task("add", f"{i}", x=i, y=1) for i in range(5)])
+        }
+        assert found == {f"{i}": i + 1 for i in range(5)}
+    engine.close()
+
+
+@POSIX
+def test_what_is_begun_beforehand_begins_at_once(tmp_path):
+    started, engine = tmp_path / "started", Processes(1)
+    engine.warm(task("sleep", seconds=0.0, started=str(started)))
+    until = time.monotonic() + 60
+    while not started.exists() and time.monotonic() < until:
+        time.sleep(0.01)
+    assert started.exists()
+    engine.close()
+
+
+@POSIX
 def test_leaving_early_ends_the_tasks_in_flight(tmp_path):
     started = tmp_path / "started"
     outcomes = Processes(2).run([task("sleep", seconds=600.0, started=str(started)), task("add", x=1, y=1)])

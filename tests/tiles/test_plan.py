@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from cablejax.tiles.plan import CELLS, add, cut, empty_grid
+from cablejax.tiles.plan import CELLS, add, cut, dealt, empty_grid
 
 
 def test_a_long_cable_is_cut_finely_along_it():
@@ -31,3 +31,17 @@ def test_tiles_are_full_though_strays_lie_far_from_the_cable():
     assert all(tile.outer(xyz).sum() <= capacity for tile in tiles)
     least = len(xyz) / (capacity - 2 * halo * len(xyz) / 800)  # slices across, each with its halo
     assert len(tiles) <= 1.5 * least
+
+
+def test_points_are_dealt_as_if_each_tile_had_looked_at_all():
+    rng = np.random.default_rng(1)
+    xyz = rng.normal([0, 0, 0], [400, 40, 40], (20_000, 3))
+    grid = empty_grid(xyz.min(axis=0), xyz.max(axis=0))
+    add(grid, xyz)
+    tiles = cut(grid, halo=9.0, capacity=2_500)
+    found = {number: (near, own) for number, near, own in dealt(tiles, xyz)}
+    assert sorted(found) == [i for i, tile in enumerate(tiles) if tile.outer(xyz).any()]
+    for number, (near, own) in found.items():
+        np.testing.assert_array_equal(near, np.nonzero(tiles[number].outer(xyz))[0])
+        np.testing.assert_array_equal(own, tiles[number].inner(xyz[near]))
+    assert not list(dealt(tiles, xyz[:0]))
