@@ -26,11 +26,11 @@ class Tile(NamedTuple):
 
     def inner(self, xyz: Float[np.ndarray, "n 3"]) -> np.ndarray:
         """Which points are the tile's own `[n]`."""
-        return _within(xyz, self.lower, self.upper)
+        return _within(xyz.T, self.lower, self.upper)
 
     def outer(self, xyz: Float[np.ndarray, "n 3"]) -> np.ndarray:
         """Which points lie in it or its halo `[n]`."""
-        return _within(xyz, self.lower - self.halo, self.upper + self.halo)
+        return _within(xyz.T, self.lower - self.halo, self.upper + self.halo)
 
     def slack(self, xyz: Float[np.ndarray, "n 3"]) -> np.ndarray:
         """Distance of points to the nearest side of the outer box beyond which the cloud goes on `[n]`."""
@@ -100,28 +100,30 @@ def dealt(tiles: Sequence[Tile], xyz: Float[np.ndarray, "n 3"]) -> Iterator[tupl
     Neighbours in the list lie side by side (`cut`), so halves of it are dealt with by their common box: the work grows with
     the logarithm of the number of tiles.
     """
-    todo = [(0, len(tiles), np.arange(len(xyz)))]
+    todo = [(0, len(tiles), np.arange(len(xyz)), np.ascontiguousarray(xyz.T))]
     while todo:
-        first, end, near = todo.pop()
+        first, end, near, columns = todo.pop()
         some = tiles[first:end]
-        box = Tile(
-            np.min([tile.lower for tile in some], axis=0), np.max([tile.upper for tile in some], axis=0), some[0].halo
-        )
-        near = near[box.outer(xyz[near])]
+        lower, upper = np.min([tile.lower for tile in some], axis=0), np.max([tile.upper for tile in some], axis=0)
+        inside = np.flatnonzero(_within(columns, lower - some[0].halo, upper + some[0].halo))
+        near, columns = near[inside], np.stack([column[inside] for column in columns])
         if len(near) == 0:
             continue
         if len(some) == 1:
-            yield first, near, box.inner(xyz[near])
+            yield first, near, _within(columns, lower, upper)
         else:
             middle = (first + end) // 2
-            todo += [(middle, end, near), (first, middle, near)]
+            todo += [(middle, end, near, columns), (first, middle, near, columns)]
 
 
-def _within(xyz: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+def _within(columns: Float[np.ndarray, "3 n"], lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
     """Axis by axis: `all` over the three of a row takes several times as long."""
-    inside = np.ones(len(xyz), dtype=bool)
-    for column, low, high in zip(xyz.T, lower, upper, strict=True):
-        inside &= (column >= low) & (column < high)
+    inside = np.ones(columns.shape[1], dtype=bool)
+    for column, low, high in zip(columns, lower, upper, strict=True):
+        if low > -np.inf:
+            inside &= column >= low
+        if high < np.inf:
+            inside &= column < high
     return inside
 
 

@@ -50,9 +50,15 @@ def typical_reach(points: Float[np.ndarray, "n 3"], k: int) -> float:
     queries = queries[np.isfinite(queries).all(axis=1)]
     best = np.full((len(queries), k + 1), np.inf)
     for _, xyz in blocks(points, BLOCK):
-        square = _squares(queries, xyz)
-        nearer = square[:, (square < best[:, -1:]).any(axis=0)]  # few, after the first blocks
-        best = np.partition(np.concatenate([best, nearer], axis=1), k, axis=1)[:, : k + 1]
+        if len(xyz) == 0:
+            continue
+        apart = np.maximum(np.maximum(xyz.min(axis=0) - queries, queries - xyz.max(axis=0)), 0.0)
+        near = np.flatnonzero((apart**2).sum(axis=1) < best[:, -1])  # rows of a scan lie together: most blocks are far
+        if len(near) == 0:
+            continue
+        square = _squares(queries[near], xyz)
+        nearer = square[:, (square < best[near, -1:]).any(axis=0)]
+        best[near] = np.partition(np.concatenate([best[near], nearer], axis=1), k, axis=1)[:, : k + 1]
     return float(np.quantile(np.sqrt(best[:, -1]), 0.95))
 
 
