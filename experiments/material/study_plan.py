@@ -227,13 +227,22 @@ def chosen(part: str, arm: str, done: Records) -> int | None:
 
 
 def jobs(part: str, done: Records) -> list[Job]:
-    """Every job that the finished ones allow, done or not, stage by stage; final runs seed by seed, which are compared."""
+    """Every job that the finished ones allow, done or not: first those of the arms that the paper's claim is about.
+
+    Of each of these two sets stage by stage, and final runs seed by seed, which are compared.
+    """
+    arms = PARTS[part].arms
+    first = [arm for arm in arms if arm in (*PAPERS, PAPER_WAY)]
+    return [job for some in (first, [arm for arm in arms if arm not in first]) for job in _jobs(part, some, done)]
+
+
+def _jobs(part: str, arms: list[str], done: Records) -> list[Job]:
     this = PARTS[part]
-    tuned = [name for name, arm in this.arms.items() if arm.tuned]
+    tuned = [arm for arm in arms if this.arms[arm].tuned]
     found = [Job(SEARCH, arm, trial, 0) for arm in tuned for trial in range(this.trials)]
     for arm in tuned:
         found += [Job(CONFIRM, arm, trial, seed) for trial in confirmed(part, arm, done) or [] for seed in this.confirm]
-    trials = {arm: chosen(part, arm, done) for arm in this.arms}
+    trials = {arm: chosen(part, arm, done) for arm in arms}
     found += [Job(FINAL, arm, trial, seed) for seed in this.final for arm, trial in trials.items() if trial is not None]
     return found
 

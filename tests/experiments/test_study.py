@@ -79,6 +79,19 @@ def test_every_job_is_what_its_command_line_composes_to(part: str, size: str):
             assert part == "ablation" or config.model.options["fusion"]
 
 
+def test_the_arms_of_the_papers_claim_are_finished_before_others_begin():
+    done: Records = {}
+    order: list[Job] = []
+    while left := [job for job in study_plan.jobs(PART, done) if job not in done]:
+        done[left[0]] = record(left[0])
+        order.append(left[0])
+    theirs = [job.arm in (*study_plan.PAPERS, PAPER_WAY) for job in order]
+    assert theirs == sorted(theirs, reverse=True)
+    assert sum(theirs) == 5 * (8 + 2) + 6 * 8
+    stages = [job.stage for job in order[: sum(theirs)]]
+    assert stages == sorted(stages, key=(SEARCH, CONFIRM, FINAL).index)
+
+
 def test_jobs_differ_in_their_digests():
     digests = {run_log.config_digest(study_plan.config_of(PART, job, size="quick")) for job in worked_off()}
     assert len(digests) == study_plan.count(PART)
