@@ -71,7 +71,7 @@ def main() -> None:
     parser.add_argument("--one", nargs=2, metavar=("SOURCE", "TARGET"), help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.one:
-        print(json.dumps(measure(*options.one, options.tile, options.neighbors, options.jobs[0])))
+        print(json.dumps(measure(options.one[0], options.one[1], options.tile, options.neighbors, options.jobs[0])))
         return
     rows = []
     for n in options.sizes:

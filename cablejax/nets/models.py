@@ -9,7 +9,7 @@ from flax import nnx
 
 from cablejax.nets.adgcnn import ADGCNN
 from cablejax.nets.adgcnn_fit import ADGCNNFit
-from cablejax.nets.baselines import DGCNN, VGG16, AlexNet, PointNet, PointNet2, ResNet50
+from cablejax.nets.baselines import DGCNN, VGG16, AlexNet, PointNet, PointNet2, PointNeXt, ResNet50
 
 MODELS: Mapping[str, Callable[..., nnx.Module]] = MappingProxyType(
     {
@@ -18,6 +18,7 @@ MODELS: Mapping[str, Callable[..., nnx.Module]] = MappingProxyType(
         "dgcnn": DGCNN,
         "pointnet": PointNet,
         "pointnet2": PointNet2,
+        "pointnext": PointNeXt,
         "alexnet": AlexNet,
         "vgg16": VGG16,
         "resnet50": ResNet50,

@@ -33,6 +33,8 @@ def small(name):
         options |= {"widths": (8, 8, 8, 16), "raster_shape": (4, 8), "raster_width": 8}
     if name == "pointnet2":
         options = {"points": (16, 8), "neighbors": (6, 4), "radii_mm": (20.0, 40.0), "dropout": 0.0}
+    if name == "pointnext":
+        options = {"points": (16, 8), "neighbors": 6, "radius_mm": 20.0, "dropout": 0.0}
     return build_model(name, CLASSES, rngs=nnx.Rngs(0), **options)
 
 
@@ -60,13 +62,16 @@ def test_parameters_as_published(name, classes, options, published):
     assert count_parameters(model) == published
 
 
-@pytest.mark.parametrize(("name", "millions"), [("dgcnn", 1.8), ("pointnet", 3.5), ("pointnet2", 1.5)])
-def test_point_networks_have_the_published_size(name, millions):
-    model = nnx.eval_shape(lambda: build_model(name, 40, rngs=nnx.Rngs(0), pose="none"))
+@pytest.mark.parametrize(
+    ("name", "classes", "millions"),
+    [("dgcnn", 40, 1.8), ("pointnet", 40, 3.5), ("pointnet2", 40, 1.5), ("pointnext", 15, 1.4)],
+)
+def test_point_networks_have_the_published_size(name, classes, millions):
+    model = nnx.eval_shape(lambda: build_model(name, classes, rngs=nnx.Rngs(0), pose="none"))
     assert round(count_parameters(model) / 1e6, 1) == millions
 
 
-@pytest.mark.parametrize("name", ["adgcnn", "pointnet", "pointnet2"])
+@pytest.mark.parametrize("name", ["adgcnn", "pointnet", "pointnet2", "pointnext"])
 def test_padding_changes_neither_logits_nor_statistics(name):
     model = small(name)
     if name == "pointnet":
@@ -78,7 +83,7 @@ def test_padding_changes_neither_logits_nor_statistics(name):
             np.testing.assert_allclose(a, b, rtol=2e-3, atol=2e-3)
 
 
-@pytest.mark.parametrize("name", ["adgcnn", "pointnet2"])
+@pytest.mark.parametrize("name", ["adgcnn", "pointnet2", "pointnext"])
 def test_points_in_another_order_give_the_same_logits(name):
     model = small(name)
     model.eval()
@@ -218,10 +223,20 @@ def test_unknown_names_and_options_are_refused():
         build_model("pointnet", 3, rngs=nnx.Rngs(0), depth=3)
     with pytest.raises(ValueError, match="pose: expected one of"):
         build_model("adgcnn", 3, rngs=nnx.Rngs(0), pose="sideways")
-    assert set(MODELS) == {"adgcnn", "adgcnn_fit", "dgcnn", "pointnet", "pointnet2", "alexnet", "vgg16", "resnet50"}
+    assert set(MODELS) == {
+        "adgcnn",
+        "adgcnn_fit",
+        "dgcnn",
+        "pointnet",
+        "pointnet2",
+        "pointnext",
+        "alexnet",
+        "vgg16",
+        "resnet50",
+    }
 
 
-@pytest.mark.parametrize("name", ["adgcnn", "dgcnn", "pointnet", "pointnet2"])
+@pytest.mark.parametrize("name", ["adgcnn", "dgcnn", "pointnet", "pointnet2", "pointnext"])
 @pytest.mark.parametrize("pose", ["none", "principal", "cylinder"])
 def test_only_the_pose_cylinder_fits_anything(name, pose, monkeypatch):
     """The raster once held the fitted radius, and was unrolled about the fitted axis, whatever the pose."""
