@@ -40,10 +40,11 @@ def worked_off(part: str = PART, *, stages: tuple[str, ...] = (SEARCH, CONFIRM, 
     return done
 
 
-def folded(folder: Path, part: str = PART, **stages: Any) -> Path:
-    """The results file of a part that is worked off."""
+def folded(folder: Path, part: str = PART, *, arms: tuple[str, ...] = (), **stages: Any) -> Path:
+    """The results file of a part that is worked off, or some arms of it."""
+    done = {job: each for job, each in worked_off(part, **stages).items() if not arms or job.arm in arms}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(study, "finished", lambda part, **place: worked_off(part, **stages))
+        patch.setattr(study, "finished", lambda part, **place: done)
         patch.setattr(run_log, "origins", lambda log: {"origins": {"here": {}}})
         return study_results.fold(part, size="quick", log=folder, out=folder)
 
@@ -161,6 +162,15 @@ def test_parts_that_compare_no_optimizers(part: str, rivals: set[str], tmp_path:
         assert table is not None
         assert len(table.rows) in (len(PARTS[part].arms), len(PARTS[part].arms) - 1)
     assert study_figures.curves(results) is not None
+
+
+def test_the_papers_arms_have_their_verdict_before_others_are_finished(tmp_path: Path, results: Results):
+    alone = Results(read_json(folded(tmp_path, arms=(*study_plan.PAPERS, PAPER_WAY))))
+    assert verdict(alone) == verdict(results)
+    table = study_tables.arms_table(alone)
+    assert table is not None
+    assert len(table.rows) == 6
+    assert study_figures.curves(alone) is not None
 
 
 def test_a_part_without_final_runs_has_no_verdict(tmp_path: Path):
