@@ -49,10 +49,13 @@ def shared_mm(
     chance = SURE * variance / np.sqrt(len(residual))
     together = float(product[other].mean()) - chance if other.any() else 0.0
     shared = float(np.sqrt(max(together, 0.0)))
-    return shared, UNSEEN * shared * _gain(angle, np.floor(fit.place.s[used] / (2 * fit.radius_mm)))
+    along = fit.place.s[used] - fit.place.s[used].min()
+    stretches = max(1, int(along.max() / (2 * fit.radius_mm)))
+    stretch = np.minimum((along / max(along.max(), 1e-9) * stretches).astype(int), stretches - 1)
+    return shared, UNSEEN * shared * _gain(angle, stretch)
 
 
-def _gain(angle: Float[np.ndarray, " n"], stretch: Float[np.ndarray, " n"]) -> float:
+def _gain(angle: Float[np.ndarray, " n"], stretch: Int[np.ndarray, " n"]) -> float:
     """How much of a pattern on the surface that looks like another radius stays open when the centre is free.
 
     Stray points beyond the arc that is seen would make it look well known: directions with few points do not count. A scan that
@@ -61,7 +64,7 @@ def _gain(angle: Float[np.ndarray, " n"], stretch: Float[np.ndarray, " n"]) -> f
 
     Args:
         angle: Of each point about the axis, radians.
-        stretch: Number of the stretch, a diameter long, that each lies in.
+        stretch: Number of the stretch, a diameter long or more, that each lies in.
     """
     bins = bins_of(angle)
     counts = np.bincount(bins, minlength=int(360 / BIN_DEG))
@@ -71,7 +74,8 @@ def _gain(angle: Float[np.ndarray, " n"], stretch: Float[np.ndarray, " n"]) -> f
     products = (columns[:, None] * columns[None]).reshape(9, -1)
     sums = np.stack([np.bincount(number, weights=one) for one in products], axis=1).reshape(-1, 3, 3)
     whole = _open(sums.sum(axis=0))
-    return max(whole, float(np.median([_open(one) for one in sums if one[0, 0] >= LEAST_POINTS] or [whole])))
+    single = [_open(one) for one in sums if one[0, 0] >= LEAST_POINTS]
+    return max(whole, float(np.quantile(single or [whole], 0.5, method="lower")))
 
 
 def _open(sums: Float[np.ndarray, "3 3"]) -> float:
