@@ -98,6 +98,18 @@ def test_another_side_of_each_stretch_is_no_large_arc():
     assert left_open > 8 * UNSEEN * shared
 
 
+def test_a_stub_at_the_end_does_not_count_for_a_stretch():
+    # 1.2 diameters of 120 degrees, of which the last fifth shows 20.
+    rng = np.random.default_rng(6)
+    along, angle = rng.uniform(0, 36, 12_000), np.radians(rng.uniform(-60, 60, 12_000))
+    kept = (along < 30) | (np.abs(angle) < np.radians(10))
+    along, angle = along[kept], angle[kept]
+    rough = RADIUS + 0.1 * rng.normal(size=len(along)) + 0.3 * np.sin(0.5 * along)
+    xyz = np.stack([along, rough * np.cos(angle), rough * np.sin(angle)], axis=1)
+    shared, left_open = shared_mm(fitted(xyz), None)
+    assert left_open < 7 * UNSEEN * shared  # 5.5 times over 120 degrees, hundreds of times over 20
+
+
 def test_errors_that_a_short_arc_shares_are_refused_or_in_the_interval():
     for arc, seed in ((45.0, 0), (60.0, 0), (75.0, 1)):
         rng = np.random.default_rng(seed)

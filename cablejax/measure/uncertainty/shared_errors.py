@@ -50,7 +50,7 @@ def shared_mm(
     together = float(product[other].mean()) - chance if other.any() else 0.0
     shared = float(np.sqrt(max(together, 0.0)))
     along = fit.place.s[used] - fit.place.s[used].min()
-    stretches = max(1, int(along.max() / (2 * fit.radius_mm)))
+    stretches = max(1, round(float(along.max()) / (2 * fit.radius_mm)))
     stretch = np.minimum((along / max(along.max(), 1e-9) * stretches).astype(int), stretches - 1)
     return shared, UNSEEN * shared * _gain(angle, stretch)
 
@@ -64,7 +64,7 @@ def _gain(angle: Float[np.ndarray, " n"], stretch: Int[np.ndarray, " n"]) -> flo
 
     Args:
         angle: Of each point about the axis, radians.
-        stretch: Number of the stretch, a diameter long or more, that each lies in.
+        stretch: Number of the stretch, about a diameter long, that each lies in.
     """
     bins = bins_of(angle)
     counts = np.bincount(bins, minlength=int(360 / BIN_DEG))
