@@ -6,9 +6,11 @@ Ten simulated tables on which a cable of 12 to 45 mm holds 10 to 45 % of the poi
 anywhere; and with CABLEJAX_DATA ten real scenes: mugs on a table, bins of pins, boxes. A scene's answers are "one", the same from
 every seed; "refused" by all; "says so" where they differ and all that stand against another carry a warning that the searches
 disagree; "in part" where some are refused and the others alike; and "differ" where two differ and one of them does not say so.
+Each scene goes to a file of lines beside the result, and a run that was stopped goes on from there.
 """
 
 import argparse
+import json
 import os
 import time
 from collections.abc import Iterator, Sequence
@@ -126,7 +128,7 @@ def answers(scene: Clutter, seeds: Sequence[int]) -> tuple[list[dict[str, Any]],
                 "says_so": warned(one),
             }
             if scene.on_cable is not None and scene.diameter_mm is not None:
-                row |= {"on_cable": float(scene.on_cable[one.keep].mean()), "holds": low <= scene.diameter_mm <= high}
+                row |= {"on_cable": float(scene.on_cable[one.keep].mean()), "holds": bool(low <= scene.diameter_mm <= high)}
         rows.append({**row, "seconds": time.perf_counter() - start})
         found.append(one)
     return rows, found
@@ -164,24 +166,29 @@ def main() -> None:
         scenes += [("simulated", one) for one in simulated()]
     if "real" in options.kinds and folder.is_dir():
         scenes += [("real", one) for one in real(folder)]
-    rows, verdicts = [], []
+    lines = Path(options.out).with_suffix(".jsonl") if options.out else None
+    done = [json.loads(line) for line in lines.read_text().splitlines()] if lines and lines.is_file() else []
     for kind, scene in scenes:
-        if options.only and options.only not in scene.name:
+        if (options.only and options.only not in scene.name) or any(one["scene"] == scene.name for one in done):
             continue
         mine, found = answers(scene, range(options.seeds))
-        verdicts.append({"kind": kind, "scene": scene.name, "verdict": verdict(found)})
-        rows += mine
+        done.append({"kind": kind, "scene": scene.name, "verdict": verdict(found), "answers": mine})
+        if lines:
+            with lines.open("a") as stream:
+                stream.write(json.dumps(done[-1]) + "\n")
         told = ", ".join(
             f"{row['diameter_mm']:.4g}{'?' if row['says_so'] else ''}" if "diameter_mm" in row else row["refused"][:24]
             for row in mine
         )
         seconds = sum(row["seconds"] for row in mine)
         print(
-            f"{scene.name:20s} {verdicts[-1]['verdict']:8s} {seconds:6.1f} s  true {scene.diameter_mm}: {told}",
+            f"{scene.name:20s} {done[-1]['verdict']:8s} {seconds:6.1f} s  true {scene.diameter_mm}: {told}",
             flush=True,
         )
     if options.out:
         config = {"points": POINTS, "first_key": FIRST_KEY}
+        verdicts = [{name: one[name] for name in ("kind", "scene", "verdict")} for one in done]
+        rows = [row for one in done for row in one["answers"]]
         tables = {"scenes": record.table(verdicts, config=config), "answers": record.table(rows)}
         record.write(options.out, tables, seeds=range(options.seeds), config=config)
 
