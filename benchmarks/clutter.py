@@ -128,7 +128,10 @@ def answers(scene: Clutter, seeds: Sequence[int]) -> tuple[list[dict[str, Any]],
                 "says_so": warned(one),
             }
             if scene.on_cable is not None and scene.diameter_mm is not None:
-                row |= {"on_cable": float(scene.on_cable[one.keep].mean()), "holds": bool(low <= scene.diameter_mm <= high)}
+                row |= {
+                    "on_cable": float(scene.on_cable[one.keep].mean()),
+                    "holds": bool(low <= scene.diameter_mm <= high),
+                }
         rows.append({**row, "seconds": time.perf_counter() - start})
         found.append(one)
     return rows, found

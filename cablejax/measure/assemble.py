@@ -30,7 +30,7 @@ from cablejax.measure.settings import MeasureSettings
 from cablejax.measure.shape.bend import Bend, tightest_bend
 from cablejax.measure.shape.free_section import free_section
 from cablejax.measure.shape.profile import Profile, profile_along
-from cablejax.measure.shape.sections import Oval, Sections, oval
+from cablejax.measure.shape.sections import Oval, Sections, between, oval
 from cablejax.measure.shape.stretches import ONE, Stretch, diameter_at, form_of, mean_of, stretches_of, within
 from cablejax.measure.uncertainty import alignment
 from cablejax.measure.uncertainty.budget import CORRELATED, FORM, NOISE, combined, uncertainty_budget
@@ -129,7 +129,7 @@ def assembled(
         noise_mm=fit.noise_mm,
         points=int(used.sum()),
         axis_mm=axis.xyz + scan.origin,
-        sections=sections._replace(s_mm=sections.s_mm - low),
+        sections=between(sections, low, high),
         form=diameter.form,
         stretches=_with_common(form.stretches, diameter, low),
         keep=painted.keep,
