@@ -5,15 +5,14 @@
 Each row is a preset, an arc and a share of outliers; each scan another cable size and another random key. "in scan order"
 is the measurement of the rows as the scanner gave them, so that the sweeps show; "shuffled" of the same rows in random
 order. The peer is what is commonly done: a straight cylinder through pairs of oriented points by RANSAC, fitted to its
-inliers by least squares. With CABLEJAX_DATA the cylinders of Fit4CAD follow, with noise of 0.5 % of the radius added, and
-real round things for what they are. Last the time of one warm measurement. `--rows` picks some; those of an earlier run
-are kept in the file. `benchmarks.coverage` looks at the interval.
+inliers by least squares. With CABLEJAX_DATA the cylinders of Fit4CAD follow, with noise of 0.5 % of the radius added and
+without the search (`benchmarks.fit4cad` sends them through it), and real round things for what they are. Last the time of one
+warm measurement. `--rows` picks some; those of an earlier run are kept in the file. `benchmarks.coverage` looks at the interval.
 """
 
 import argparse
 import math
 import os
-import re
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -22,6 +21,7 @@ import jax
 import numpy as np
 
 from benchmarks import record
+from benchmarks.fit4cad import cylinders
 from cablejax.geometry.robust import COVERAGE
 from cablejax.io import read_points
 from cablejax.measure import MeasureError, measure_cable
@@ -89,21 +89,6 @@ def summary(rows: list[dict]) -> dict[str, float | int]:
     return out
 
 
-def fit4cad_cylinders(folder: Path) -> Iterator[tuple[np.ndarray, float]]:
-    """Points and radius of every cylinder of the data set, whole files in turn."""
-    number = r"[-+]?[0-9.]+(?:e[-+]?[0-9]+)?"
-    for file in sorted(folder.glob("PC*_parametric.txt")):
-        stem = file.name.removesuffix("_parametric.txt")
-        triples = re.findall(rf"\[({number}),\s*({number}),\s*({number})\]", (folder / f"{stem}.txt").read_text())
-        xyz = np.array(triples, dtype=np.float64)
-        members = re.findall(r"\[([^\]]*)\]", (folder / f"{stem}_primitives.txt").read_text())
-        shapes = re.findall(r"\[(\w+), \[([^\]]*)\]\]", file.read_text())
-        for (kind, values), rows in zip(shapes, members, strict=True):
-            if kind == "Cylinder":
-                index = np.array(rows.replace(",", " ").split(), dtype=int) - 1
-                yield xyz[index], float(np.linalg.norm(np.array(values.split(), dtype=float)[:3]))
-
-
 def segmented(xyz: np.ndarray) -> tuple[float, float]:
     """Radius and arc in degrees of points that are known to be one straight cylinder's: the fit without the search.
 
@@ -132,7 +117,8 @@ def segmented(xyz: np.ndarray) -> tuple[float, float]:
 def fit4cad(folder: Path) -> dict[str, float | int]:
     """Relative error of the radius on the cylinders that show 90 degrees or more, noise of 0.5 % of the radius added."""
     rng, errors, failed, small = np.random.default_rng(0), [], 0, 0
-    for xyz, radius in fit4cad_cylinders(folder):
+    for one in cylinders(folder):
+        xyz, radius = one.xyz, one.true.radius_mm
         try:
             found, arc = segmented(xyz + 0.005 * radius * rng.normal(size=xyz.shape))
         except (MeasureError, np.linalg.LinAlgError):

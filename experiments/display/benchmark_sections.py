@@ -5,7 +5,7 @@ from experiments.display.benchmarks import figures as benchmark_figures
 from experiments.display.benchmarks import speed_tables
 from experiments.display.benchmarks import tables as benchmark_tables
 from experiments.display.measurement import figures as measure_figures
-from experiments.display.measurement import parts_tables
+from experiments.display.measurement import parts_tables, search_tables
 from experiments.display.measurement import tables as measure_tables
 from experiments.display.section import Section, of
 
@@ -92,6 +92,13 @@ BENCHMARKS: tuple[Section[Benchmark], ...] = (
             of("benchmarks/real", measure_figures.real_intervals),
             of("benchmarks/real", measure_figures.real_pictures),
         ),
+    ),
+    Section(
+        Benchmark,
+        "The search",
+        "Cylinders of CAD models, and cables among crates, cans and points anywhere.",
+        ("benchmarks/fit4cad", "benchmarks/clutter"),
+        (of("benchmarks/fit4cad", search_tables.cad_cylinders), of("benchmarks/clutter", search_tables.clutter)),
     ),
     Section(
         Benchmark,

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from cablejax.measure import measure_cable
+from cablejax.measure.shape.sections import between
 from tests.reference.circles import bent_cable
 
 
@@ -65,3 +66,13 @@ def test_a_round_section_is_not_made_wavy_by_noise():
     free = measure_cable(bent_cable(arc_deg=360.0)).free_section
     # Noise .1 on 6,000 points: each of 24 coefficients to .1 sqrt(2 / 6000) = .0018; shrinking leaves less than all.
     assert np.ptp(free.radius_mm) < 0.02
+
+
+def test_sections_are_those_of_the_thing_and_not_of_what_lies_beyond(oval):
+    s = oval.sections.s_mm
+    assert (s >= 0).all()
+    assert (s <= oval.length_mm).all()
+    some = between(oval.sections, 100.0, 200.0)
+    assert 0 < len(some.s_mm) < len(s)
+    assert ((some.s_mm >= 0) & (some.s_mm <= 100)).all()
+    assert some.diameter_mm[0] == oval.sections.diameter_mm[np.flatnonzero(s >= 100)[0]]

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from benchmarks.real import summary, verdict
-from cablejax.measure import MeasureError
+from cablejax.measure import MeasureError, MeasureSettings, measure_cable
+from cablejax.measure.assemble import SHARED_ARC_DEG
 from cablejax.measure.fit.axis import sampled
 from cablejax.measure.fit.least_squares import CableFit, fit_cable
 from cablejax.measure.shape.ends import extent, joined
@@ -83,6 +84,45 @@ def test_short_arcs_leave_more_open():
         shares.append(left_open / shared / UNSEEN)
     # 1 over the whole circumference; over 90 degrees the constant less its projection on the cosine leaves 0.097.
     np.testing.assert_allclose(shares, [1.0, 10.28], rtol=0.06)
+
+
+def test_another_side_of_each_stretch_is_no_large_arc():
+    # Each stretch of a diameter shows 60 degrees, all of them together 250: no section tells a radius by itself.
+    rng = np.random.default_rng(5)
+    along = rng.uniform(0, LENGTH, 20_000)
+    angle = np.radians(rng.uniform(-30, 30, 20_000) + 190 * np.floor(along / (2 * RADIUS)) / (LENGTH / (2 * RADIUS)))
+    outward = np.stack([0 * angle, np.cos(angle), np.sin(angle)], axis=1)
+    rough = RADIUS + 0.1 * rng.normal(size=20_000) + 0.3 * np.sin(0.3 * along)
+    shared, left_open = shared_mm(fitted(along[:, None] * [1.0, 0.0, 0.0] + rough[:, None] * outward), None)
+    # 60 degrees leave 23.7 times as much open, 250 degrees 1.4 times; stretches of the fit lie across two of these.
+    assert left_open > 8 * UNSEEN * shared
+
+
+def test_a_stub_at_the_end_does_not_count_for_a_stretch():
+    # 1.2 diameters of 120 degrees, of which the last fifth shows 20.
+    rng = np.random.default_rng(6)
+    along, angle = rng.uniform(0, 36, 12_000), np.radians(rng.uniform(-60, 60, 12_000))
+    kept = (along < 30) | (np.abs(angle) < np.radians(10))
+    along, angle = along[kept], angle[kept]
+    rough = RADIUS + 0.1 * rng.normal(size=len(along)) + 0.3 * np.sin(0.5 * along)
+    xyz = np.stack([along, rough * np.cos(angle), rough * np.sin(angle)], axis=1)
+    shared, left_open = shared_mm(fitted(xyz), None)
+    assert left_open < 7 * UNSEEN * shared  # 5.5 times over 120 degrees, hundreds of times over 20
+
+
+def test_errors_that_a_short_arc_shares_are_refused_or_in_the_interval():
+    for arc, seed in ((45.0, 0), (60.0, 0), (75.0, 1)):
+        rng = np.random.default_rng(seed)
+        along, angle = rng.uniform(0, LENGTH, 9000), np.radians(rng.uniform(-arc / 2, arc / 2, 9000))
+        wave = 0.04 * np.sin(2 * np.pi * along / 25) * np.cos(2 * np.pi * np.degrees(angle) / 40)
+        radius = RADIUS + wave + 0.01 * rng.normal(size=9000)
+        xyz = np.stack([along, radius * np.cos(angle), radius * np.sin(angle)], axis=1)
+        if arc < SHARED_ARC_DEG:
+            with pytest.raises(MeasureError, match=r"share errors of 0\.0"):
+                measure_cable(xyz, settings=MeasureSettings(stations=1))
+            continue
+        low, high = measure_cable(xyz, settings=MeasureSettings(stations=1)).interval_mm
+        assert low < 2 * RADIUS < high
 
 
 def test_the_thing_ends_where_its_arc_does():

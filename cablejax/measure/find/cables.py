@@ -9,7 +9,7 @@ from cablejax.measure.find.cylinder import radial
 from cablejax.measure.find.hypotheses import ROUGHNESSES, TOLERANCE, Candidate, find_candidates, score, tolerance_of
 from cablejax.measure.find.planes import Plane, corrugated, find_planes
 from cablejax.measure.find.surface import Surface, surface
-from cablejax.measure.find.track import Track, follow
+from cablejax.measure.find.track import Track, follow, ring
 from cablejax.measure.settings import SearchLimits
 
 THINNER, NEARER = 0.8, 0.5  # of a track's radius and scatter, below which another explains its points better
@@ -74,7 +74,7 @@ def judged(thinned: Surface, track: Track) -> Track:
     """A track with its scatter, and how much of a cable it is.
 
     The number of its points, times the square root of the arc they show, its slenderness up to 2, how few other points
-    lie about it (squared), and how well they lie on it.
+    lie about it (squared), and how well they lie on it. A ring that holds the whole scan is not less for being short.
     """
     radius = track.radius_mm
     distance, outward, along = radial(track.start, thinned.xyz)
@@ -85,7 +85,7 @@ def judged(thinned: Surface, track: Track) -> Track:
     gathered = float(np.linalg.norm(outward[on].mean(axis=0)))
     scatter = float(np.median(np.abs(distance[on] - radius)))
     alone = float(on.sum() / near.sum())
-    slender = min(track.length_mm / (2 * radius), 2.0)
+    slender = 2.0 if track.ring else min(track.length_mm / (2 * radius), 2.0)
     merit = len(track.rows) * slender * float(np.sqrt(max(0.0, 1 - gathered))) * alone**2
     return track._replace(merit=merit / (1 + (scatter / radius / 0.05) ** 2), scatter_mm=scatter)
 
@@ -162,7 +162,9 @@ def _tracks(thinned: Surface, candidates: list[Candidate], most: int) -> list[Tr
         if len(tracks) >= most or (before and np.isin(rows, np.concatenate(before)).mean() > 0.5):
             continue
         track = follow(thinned, candidate.cylinder)
-        if track is not None and track.length_mm >= radius:
+        if track is not None and track.length_mm < radius:
+            track = ring(thinned, candidate.cylinder)
+        if track is not None:
             tracks.append(judged(thinned, track))
     return tracks
 

@@ -9,6 +9,8 @@ from scipy.spatial import KDTree
 from cablejax.geometry.normals import covariances, fitted_planes
 from cablejax.geometry.voxels import voxel_groups
 
+LEAST_NEIGHBORS, PER_NEIGHBOR = 6, 8  # points for a normal at least, and of the whole cloud for each of them
+
 
 class Surface(NamedTuple):
     """A thinned cloud with the plane through each point's neighbourhood.
@@ -49,9 +51,9 @@ def thin(xyz: Float[np.ndarray, "n 3"], *, target: int) -> Float[np.ndarray, "m 
 
 
 def surface(xyz: Float[np.ndarray, "n 3"], *, target: int = 20_000, k: int = 24) -> Surface:
-    """Thin a cloud and fit a plane to the `k` nearest neighbours of each point left."""
+    """Thin a cloud and fit a plane to the `k` nearest neighbours of each point left; to fewer of few, which reach too far."""
     points = thin(xyz, target=target)
-    k = min(k, len(points))
+    k = min(k, max(LEAST_NEIGHBORS, len(points) // PER_NEIGHBOR))
     distance, neighbors = KDTree(points).query(points, k=k, workers=-1)
     normals, roughness = fitted_planes(covariances(points, np.asarray(neighbors), at=points))
     spacing, reach = np.median(distance[:, [1, -1]], axis=0)

@@ -14,6 +14,8 @@ STEP = 1.0  # radii
 WINDOW = 1.5  # radii to either side
 MAX_STEPS = 4000
 GAP_STEPS = 4  # steps without points that a tie or a bracket may hide
+RING_SHARE = 0.9  # of all points, that a ring shorter than its radius must hold
+RING_GATHERED = 0.2  # length of the mean outward direction: 0.19 where 300 degrees are seen
 
 
 class Track(NamedTuple):
@@ -25,6 +27,7 @@ class Track(NamedTuple):
         rows: The surface's rows on it.
         merit: How much of a cable it is (`find.cables.judged`).
         scatter_mm: Median distance of the points about the start from its surface.
+        ring: Whether it is shorter than its radius and still all that the scan shows.
     """
 
     axis: Float[np.ndarray, "m 3"]
@@ -32,6 +35,7 @@ class Track(NamedTuple):
     rows: np.ndarray
     merit: float = 0.0
     scatter_mm: float = 0.0
+    ring: bool = False
 
     @property
     def radius_mm(self) -> float:
@@ -111,6 +115,20 @@ def follow(surface: Surface, start: Cylinder) -> Track | None:
     last = _end(surface, centers[-1], centers[max(-2, -len(centers))], start, members[-1], 1.0)
     axis = np.array([*([] if first is None else [first]), *centers, *([] if last is None else [last])])
     return Track(axis, start, np.unique(np.concatenate(members)))
+
+
+def ring(surface: Surface, cylinder: Cylinder) -> Track | None:
+    """The track of a ring, too short to be followed, that is all the scan shows and is seen all round; None if it is not.
+
+    A cable that lies in a circle is none: its normals point away from the circle's axis on its outermost side alone.
+    """
+    distance, outward, along = radial(cylinder, surface.xyz)
+    on = np.abs(distance - cylinder.radius_mm) < tolerance_of(surface, cylinder.radius_mm)
+    rows = np.flatnonzero(on & facing(surface, cylinder, outward))
+    if len(rows) < RING_SHARE * len(surface.xyz) or np.linalg.norm(outward[rows].mean(axis=0)) > RING_GATHERED:
+        return None
+    ends = np.array([along[rows].min(), along[rows].max()])
+    return Track(cylinder.center + ends[:, None] * cylinder.direction, cylinder, rows, ring=True)
 
 
 def _end(

@@ -117,6 +117,13 @@ def cut(fit: CableFit, *, step_mm: float) -> Sections:
     )
 
 
+def between(sections: Sections, low_mm: float, high_mm: float) -> Sections:
+    """The sections of a stretch, counted from its beginning: slabs beyond the ends hold what lies about them."""
+    inside = (sections.s_mm >= low_mm) & (sections.s_mm <= high_mm)
+    kept = Sections(*(values[inside] for values in sections))
+    return kept._replace(s_mm=kept.s_mm - low_mm)
+
+
 def _slabs(
     fit: CableFit, slab: np.ndarray, count: int, columns: np.ndarray, weight: np.ndarray, wanted: np.ndarray
 ) -> tuple[Float[np.ndarray, "m c"], Float[np.ndarray, "m c c"]]:

@@ -14,6 +14,7 @@ from cablejax.measure.shape.sections import BIN_DEG, bins_of
 NEIGHBORS = 4
 UNSEEN = 0.4  # of the shared errors: what of them looks like another radius
 FEW = 0.1  # of the fullest directions' points, below which a direction was not seen
+LEAST_POINTS = 12  # of a stretch, for its own arc to be looked at
 SURE = 2.0  # standard deviations of a correlation made by chance, which are no structure
 
 
@@ -48,16 +49,35 @@ def shared_mm(
     chance = SURE * variance / np.sqrt(len(residual))
     together = float(product[other].mean()) - chance if other.any() else 0.0
     shared = float(np.sqrt(max(together, 0.0)))
-    return shared, UNSEEN * shared * _gain(angle)
+    along = fit.place.s[used] - fit.place.s[used].min()
+    stretches = max(1, round(float(along.max()) / (2 * fit.radius_mm)))
+    stretch = np.minimum((along / max(along.max(), 1e-9) * stretches).astype(int), stretches - 1)
+    return shared, UNSEEN * shared * _gain(angle, stretch)
 
 
-def _gain(angle: Float[np.ndarray, " n"]) -> float:
+def _gain(angle: Float[np.ndarray, " n"], stretch: Int[np.ndarray, " n"]) -> float:
     """How much of a pattern on the surface that looks like another radius stays open when the centre is free.
 
-    Stray points beyond the arc that is seen would make it look well known: directions with few points do not count.
+    Stray points beyond the arc that is seen would make it look well known: directions with few points do not count. A scan that
+    shows another side of each stretch shows a large arc in all, of which none tells a radius: the middle one of the stretches
+    counts where it leaves more open.
+
+    Args:
+        angle: Of each point about the axis, radians.
+        stretch: Number of the stretch, about a diameter long, that each lies in.
     """
     bins = bins_of(angle)
     counts = np.bincount(bins, minlength=int(360 / BIN_DEG))
-    seen = angle[(counts > FEW * np.sort(counts)[-8:].mean())[bins]]
-    columns = np.stack([np.ones_like(seen), np.cos(seen), np.sin(seen)])
-    return float(np.sqrt(np.linalg.pinv(columns @ columns.T / len(seen))[0, 0]))
+    clear = (counts > FEW * np.sort(counts)[-8:].mean())[bins]
+    columns = np.stack([np.ones_like(angle), np.cos(angle), np.sin(angle)])[:, clear]
+    _, number = np.unique(stretch[clear], return_inverse=True)
+    products = (columns[:, None] * columns[None]).reshape(9, -1)
+    sums = np.stack([np.bincount(number, weights=one) for one in products], axis=1).reshape(-1, 3, 3)
+    whole = _open(sums.sum(axis=0))
+    single = [_open(one) for one in sums if one[0, 0] >= LEAST_POINTS]
+    return max(whole, float(np.quantile(single or [whole], 0.5, method="lower")))
+
+
+def _open(sums: Float[np.ndarray, "3 3"]) -> float:
+    """Standard deviation of the constant beside sine and cosine, from their sums of products, for residuals of one."""
+    return float(np.sqrt(np.linalg.pinv(sums / sums[0, 0])[0, 0]))
