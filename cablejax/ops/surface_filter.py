@@ -6,9 +6,10 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
+from cablejax.ops.factors import TINY
 from cablejax.ops.filter_width import BAND, choose_alpha, pilot_rows, try_widths, usual_noise
 from cablejax.ops.slots import Neighborhoods, farthest, gather, sum_over_slots
-from cablejax.ops.surface_fit import TINY, SurfaceFit, fit_frame, fit_heights, without_faint
+from cablejax.ops.surface_fit import SurfaceFit, fit_frame, fit_heights, without_faint
 
 FACING = 0.6  # normals that differ by so much, as a distance of unit vectors, count as one kernel width apart
 UNUSUAL = 1.6  # a surface that leaves so many times the usual noise is no surface of this kernel's width

@@ -8,14 +8,13 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
+from cablejax.ops.factors import TINY, backward, cholesky, forward, sum_of_squares
 from cablejax.ops.slots import sum_over_slots
 
-TINY = float(jnp.finfo(jnp.float32).tiny)
 RIDGE = (
     1e-6  # on covariances scaled to trace one: an axis of collinear points, which moves others by less than rounding
 )
 TERMS = {1: 3, 2: 6}  # coefficients of a plane and a quadric
-PIVOT = 1e-3  # least share of a term that the terms before it may leave unexplained; float32 sums are right to 1e-6
 THIN = (
     1e-4  # least spread across a neighbourhood, squared, of its mean square distance: one part in a hundred is a line
 )
@@ -126,8 +125,8 @@ def fit_heights(sample: Sample, neighbors: Int[Array, "k m"], frame: Frame, *, o
     matrix, right, square, squared_weight = sum_over_slots(neighbors, moments)
     share = inverse(matrix[0])
     system = _Moments(list(matrix * share[None]), list(right * share[None]), square * share, squared_weight * share**2)
-    lower, pivots, distinct = _cholesky(system.matrix, terms)
-    fits = _Factored(lower, _forward(lower, system.right), _forward(lower, [jnp.ones_like(share)]))
+    lower, pivots, distinct = cholesky(system.matrix, terms)
+    fits = _Factored(lower, forward(lower, system.right), forward(lower, [jnp.ones_like(share)]))
     flat = (jnp.minimum(pivots[1], pivots[2]) > THIN) & distinct[1] & distinct[2] & (matrix[0] > 0)
     mean = _mean_height(system)
     fit = _choose(flat, _polynomial(fits, system, 3), mean)
@@ -197,9 +196,9 @@ class _Factored(NamedTuple):
 
 def _polynomial(fits: _Factored, system: _Moments, terms: int) -> _Polynomial:
     """The fit of the first so many terms."""
-    solution = _backward(fits.lower, fits.right[:terms])
-    variance = _variance(sum(jnp.square(each) for each in fits.right[:terms]), terms, system)
-    return _Polynomial(solution, variance, sum(jnp.square(each) for each in fits.centre[:terms]))
+    solution = backward(fits.lower, fits.right[:terms])
+    variance = _variance(sum_of_squares(fits.right[:terms]), terms, system)
+    return _Polynomial(solution, variance, sum_of_squares(fits.centre[:terms]))
 
 
 def _mean_height(system: _Moments) -> _Polynomial:
@@ -328,46 +327,3 @@ def tangents(normal: Float[Array, "3 m"]) -> tuple[Float[Array, "3 m"], Float[Ar
     a = -1.0 / (sign + z)
     b = x * y * a
     return jnp.stack([1.0 + sign * x * x * a, sign * b, -sign * x]), jnp.stack([b, sign + y * y * a, -y])
-
-
-def _cholesky(matrix: list[Array], m: int) -> tuple[list[list[Array]], list[Array], list[Array]]:
-    """Lower factors of matrices given by their lower triangles row by row, unrolled.
-
-    With them each pivot, what of a term the terms before it leave unexplained, and whether that is more than rounding.
-    Where it is not, 1 stands in its place: the factors are not used there, but their gradient must be finite.
-    """
-    lower: list[list[Array]] = [[] for _ in range(m)]
-    pivots, distinct, entries = [], [], iter(matrix)
-    for i in range(m):
-        for j in range(i + 1):
-            whole = entry = next(entries)
-            for p in range(j):
-                entry = entry - lower[i][p] * lower[j][p]
-            if i == j:
-                pivots.append(entry)
-                distinct.append((entry > PIVOT * whole) & (entry > TINY**0.5))
-                entry = jnp.sqrt(jnp.where(distinct[i], entry, 1.0))
-            lower[i].append(entry if i == j else entry / lower[j][j])
-    return lower, pivots, distinct
-
-
-def _forward(lower: list[list[Array]], right: list[Array]) -> list[Array]:
-    """What lower factors make into the right sides, of which those left out are zero."""
-    found: list[Array] = []
-    for i, row in enumerate(lower):
-        entry = right[i] if i < len(right) else None
-        for p in range(i):
-            product = row[p] * found[p]
-            entry = -product if entry is None else entry - product
-        found.append(entry / row[i])
-    return found
-
-
-def _backward(lower: list[list[Array]], right: list[Array]) -> list[Array]:
-    """What the transposes of lower factors make into the right sides."""
-    m, x = len(right), list(right)
-    for i in reversed(range(m)):
-        for p in range(i + 1, m):
-            x[i] = x[i] - lower[p][i] * x[p]
-        x[i] = x[i] / lower[i][i]
-    return x
