@@ -102,7 +102,10 @@ def load_pretrained(name: str, *, folder: Traversable = FOLDER) -> Pretrained:
             arrays = {key: archive[key] for key in archive.files}
     except UNREADABLE as error:
         raise WeightsError(f"{path}: the weights are no archive of arrays ({error})") from None
-    return Pretrained(calibrated(filled(network_of(card), arrays, source=str(path)), card), card)
+    # Shapes alone: drawing weights that are thrown away would compile a program for each layer. In evaluation mode a network
+    # has nothing beside the weights that are filled in.
+    network = nnx.eval_shape(lambda: network_of(card))
+    return Pretrained(calibrated(filled(network, arrays, source=str(path)), card), card)
 
 
 def read_card(name: str, *, folder: Traversable = FOLDER) -> dict[str, Any]:
@@ -162,7 +165,8 @@ def filled(network: nnx.Module, arrays: Mapping[str, np.ndarray], *, source: str
     differing = sorted({*wanted} ^ {*arrays}) or [key for key, shape in wanted.items() if arrays[key].shape != shape]
     if differing:
         raise WeightsError(f"{source}: the weights do not fit the network, {differing[0]} differs")
-    state = jax.tree.map_with_path(lambda path, leaf: jnp.asarray(arrays[_dotted(path)], leaf.dtype), state)
+    # Cast by NumPy: on the device, a program for each shape.
+    state = jax.tree.map_with_path(lambda path, leaf: jnp.asarray(arrays[_dotted(path)].astype(leaf.dtype)), state)
     return nnx.merge(graphdef, state, rest, copy=True)
 
 

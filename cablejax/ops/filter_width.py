@@ -14,13 +14,14 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
+from cablejax.ops.factors import TINY
 from cablejax.ops.moments import local_noise
 from cablejax.ops.neighbors import knn
 from cablejax.ops.precision import require_float32
 from cablejax.ops.quantile import quantile
 from cablejax.ops.sheets import own_sheet
 from cablejax.ops.slots import farthest, gather
-from cablejax.ops.surface_fit import TINY, fit_frame, fit_heights, residual, without_faint
+from cablejax.ops.surface_fit import fit_frame, fit_heights, residual, without_faint
 from cablejax.types import PointCloud
 
 PILOT = 2048  # points whose neighbours predict them

@@ -4,8 +4,9 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float, Int
 
+from cablejax.ops.factors import TINY
 from cablejax.ops.slots import gather, sum_over_slots
-from cablejax.ops.surface_fit import TINY, fit_surface, residual
+from cablejax.ops.surface_fit import fit_surface, residual
 
 SPLIT = (
     0.24  # share of the squared heights that two sheets leave within each; a Gaussian halved leaves 0.36, a block 0.25

@@ -61,4 +61,4 @@ def farthest(xyz: Float[Array, "3 n"], centre: Float[Array, "3 m"], neighbors: I
 
 def gather(rows: Float[Array, "c n"], at: Int[Array, "..."]) -> Float[Array, "c ..."]:
     """Columns of `rows` at given places, all of them in range; one gather a row, which XLA vectorises best."""
-    return jnp.stack([row.at[at].get(mode="promise_in_bounds") for row in rows])
+    return jnp.stack([row.at[at].get(mode="promise_in_bounds", wrap_negative_indices=False) for row in rows])

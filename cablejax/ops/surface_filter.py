@@ -6,9 +6,10 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
+from cablejax.ops.factors import TINY
 from cablejax.ops.filter_width import BAND, choose_alpha, pilot_rows, try_widths, usual_noise
 from cablejax.ops.slots import Neighborhoods, farthest, gather, sum_over_slots
-from cablejax.ops.surface_fit import TINY, SurfaceFit, fit_frame, fit_heights, without_faint
+from cablejax.ops.surface_fit import SurfaceFit, fit_frame, fit_heights, without_faint
 
 FACING = 0.6  # normals that differ by so much, as a distance of unit vectors, count as one kernel width apart
 UNUSUAL = 1.6  # a surface that leaves so many times the usual noise is no surface of this kernel's width
@@ -49,18 +50,19 @@ def onto_surface(
         order: 1 or 2. Static.
         refinements: See `adaptive_filter`. Static.
     """
-    fit, mean = _fit(around, around.xyz, None, edge, width, order)
     if usual is not None:
-        width = width * _narrowing(fit.noise, usual)
-        fit, mean = _fit(around, around.xyz, None, edge, width, order)
+        first, _ = _fit(*lax.stop_gradient((around, around.xyz)), None, *lax.stop_gradient((edge, width)), order)
+        width = width * _narrowing(first.noise, usual)
+    fit, mean = _fit(around, around.xyz, None, edge, width, order)
     reach, move = (
         farthest(*lax.stop_gradient((around.xyz, around.xyz)), around.neighbors),
         jnp.where(fit.degree[None] > 0, fit.height[None] * fit.normal, mean),
     )
     for _ in range(refinements):
         # A constant to gradients: of a second fit most weights may be nearly none, and the gradient of its normal overflows.
-        again, _ = lax.stop_gradient(
-            _fit(around, around.xyz + move, fit.normal, _trusted(edge, move, fit.noise), width, order)
+        again, _ = _fit(
+            *lax.stop_gradient((around, around.xyz + move, fit.normal, _trusted(edge, move, fit.noise), width)),
+            order,
         )
         further = move + again.height[None] * again.normal
         # What the second fit does not determine stays with the first; a mean of means would creep along its line.

@@ -1,26 +1,27 @@
 """Weighted planes and quadrics through many neighbourhoods at once, from moments summed slot by slot."""
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
+from cablejax.ops.factors import TINY, backward, cholesky, forward, sum_of_squares
 from cablejax.ops.slots import sum_over_slots
 
-TINY = float(jnp.finfo(jnp.float32).tiny)
 RIDGE = (
     1e-6  # on covariances scaled to trace one: an axis of collinear points, which moves others by less than rounding
 )
 TERMS = {1: 3, 2: 6}  # coefficients of a plane and a quadric
-PIVOT = 1e-3  # least share of a term that the terms before it may leave unexplained; float32 sums are right to 1e-6
 THIN = (
     1e-4  # least spread across a neighbourhood, squared, of its mean square distance: one part in a hundred is a line
 )
 FAINT = (
     1e-6  # weight that counts as none: in units of a size that it shrinks, the fourth powers of such a point overflow
 )
+SQUARINGS = 9  # of the adjugate: the power of 512
 ALONE = 0.9  # share of its own height in a fit from which on a point is not smoothed but interpolated
 
 Sample = Callable[[Int[Array, " m"], Bool[Array, " m"]], tuple[Float[Array, " m"], Float[Array, "3 m"]]]
@@ -124,13 +125,14 @@ def fit_heights(sample: Sample, neighbors: Int[Array, "k m"], frame: Frame, *, o
     matrix, right, square, squared_weight = sum_over_slots(neighbors, moments)
     share = inverse(matrix[0])
     system = _Moments(list(matrix * share[None]), list(right * share[None]), square * share, squared_weight * share**2)
-    lower, pivots, distinct = _cholesky(system.matrix, terms)
+    lower, pivots, distinct = cholesky(system.matrix, terms)
+    fits = _Factored(lower, forward(lower, system.right), forward(lower, [jnp.ones_like(share)]))
     flat = (jnp.minimum(pivots[1], pivots[2]) > THIN) & distinct[1] & distinct[2] & (matrix[0] > 0)
     mean = _mean_height(system)
-    fit = _choose(flat, _polynomial(lower[:3], system), mean)
+    fit = _choose(flat, _polynomial(fits, system, 3), mean)
     degree = flat.astype(jnp.int32)
     if order == 2:
-        quadric = _polynomial(lower, system)
+        quadric = _polynomial(fits, system, terms)
         near = jnp.abs(quadric.coefficients[0]) <= 1.0  # in units of the neighbours' mean square distance
         curved = flat & distinct[3] & distinct[4] & distinct[5] & near & (quadric.leverage * system.squared < ALONE)
         fit = _choose(curved, quadric, fit._replace(coefficients=fit.coefficients + [jnp.zeros_like(share)] * 3))
@@ -178,25 +180,36 @@ class _Polynomial(NamedTuple):
     leverage: Float[Array, " m"]
 
 
-def _polynomial(lower: list[list[Array]], system: _Moments) -> _Polynomial:
-    """The fit of as many terms as there are factors."""
-    terms = len(lower)
-    solution = _solve(lower, system.right[:terms])
-    one, none = jnp.ones_like(system.square), jnp.zeros_like(system.square)
-    leverage = _solve(lower, [one] + [none] * (terms - 1))[0]
-    return _Polynomial(solution, _variance(solution, system), leverage)
+class _Factored(NamedTuple):
+    """Factors of the normal equations, and what both degrees have of them: those of a plane come first.
+
+    Attributes:
+        lower: Lower factors row by row.
+        right: Right sides after forward substitution; their squares add up to what the terms explain.
+        centre: The same of a height of one in the centre; its squares add up to the leverage.
+    """
+
+    lower: list[list[Array]]
+    right: list[Array]
+    centre: list[Array]
+
+
+def _polynomial(fits: _Factored, system: _Moments, terms: int) -> _Polynomial:
+    """The fit of the first so many terms."""
+    solution = backward(fits.lower, fits.right[:terms])
+    variance = _variance(sum_of_squares(fits.right[:terms]), terms, system)
+    return _Polynomial(solution, variance, sum_of_squares(fits.centre[:terms]))
 
 
 def _mean_height(system: _Moments) -> _Polynomial:
     """The mean of the heights, as a plane across the normal."""
     mean, none = system.right[0], jnp.zeros_like(system.square)
-    return _Polynomial([mean, none, none], _variance([mean], system), jnp.ones_like(mean))
+    return _Polynomial([mean, none, none], _variance(mean * mean, 1, system), jnp.ones_like(mean))
 
 
-def _variance(solution: list[Array], system: _Moments) -> Float[Array, " m"]:
+def _variance(explained: Float[Array, " m"], terms: int, system: _Moments) -> Float[Array, " m"]:
     """Mean square that a fit leaves, over the share of the neighbours that its coefficients do not use up."""
-    explained = sum(c * r for c, r in zip(solution, system.right, strict=False))
-    free = jnp.maximum(1.0 - len(solution) * system.squared, 0.2)
+    free = jnp.maximum(1.0 - terms * system.squared, 0.2)
     return jnp.maximum(system.square - explained, TINY) / free
 
 
@@ -230,7 +243,8 @@ def monomials(u: Array, v: Array) -> list[Array]:
 
 def along(axis: Float[Array, "3 m"], offset: Float[Array, "3 m"]) -> Float[Array, " m"]:
     """Products of vectors pair by pair."""
-    return axis[0] * offset[0] + axis[1] * offset[1] + axis[2] * offset[2]
+    x, y, z = axis * offset
+    return x + y + z
 
 
 @jax.custom_jvp
@@ -257,14 +271,7 @@ def least_axis(covariance: Float[Array, "6 m"]) -> tuple[Float[Array, "3 m"], Fl
             xy * yz - zx * yy,
         ]
     )
-    for _ in range(9):
-        xx, yy, zz, xy, yz, zx = power / jnp.maximum(power[:3].sum(axis=0), TINY)[None]
-        power = jnp.stack(
-            [
-                xx * xx + xy * xy + zx * zx, xy * xy + yy * yy + yz * yz, zx * zx + yz * yz + zz * zz,
-                xx * xy + xy * yy + zx * yz, xy * zx + yy * yz + yz * zz, zx * xx + yz * xy + zz * zx,
-            ]
-        )  # fmt: skip
+    power = lax.fori_loop(0, SQUARINGS, _squared, power)
     xx, yy, zz, xy, yz, zx = power
     columns = jnp.stack([jnp.stack([xx, xy, zx]), jnp.stack([xy, yy, yz]), jnp.stack([zx, yz, zz])])
     best = jnp.argmax(power[:3], axis=0)
@@ -274,6 +281,17 @@ def least_axis(covariance: Float[Array, "6 m"]) -> tuple[Float[Array, "3 m"], Fl
     xx, yy, zz, xy, yz, zx = covariance
     value = x * x * xx + y * y * yy + z * z * zz + 2.0 * (x * y * xy + y * z * yz + z * x * zx)
     return normal, jnp.maximum(value, 0.0)
+
+
+def _squared(_: Any, power: Float[Array, "6 m"]) -> Float[Array, "6 m"]:
+    """Squares of symmetric matrices, each scaled to trace one before."""
+    xx, yy, zz, xy, yz, zx = power / jnp.maximum(power[:3].sum(axis=0), TINY)[None]
+    return jnp.stack(
+        [
+            xx * xx + xy * xy + zx * zx, xy * xy + yy * yy + yz * yz, zx * zx + yz * yz + zz * zz,
+            xx * xy + xy * yy + zx * yz, xy * zx + yy * yz + yz * zz, zx * xx + yz * xy + zz * zx,
+        ]
+    )  # fmt: skip
 
 
 @least_axis.defjvp
@@ -309,38 +327,3 @@ def tangents(normal: Float[Array, "3 m"]) -> tuple[Float[Array, "3 m"], Float[Ar
     a = -1.0 / (sign + z)
     b = x * y * a
     return jnp.stack([1.0 + sign * x * x * a, sign * b, -sign * x]), jnp.stack([b, sign + y * y * a, -y])
-
-
-def _cholesky(matrix: list[Array], m: int) -> tuple[list[list[Array]], list[Array], list[Array]]:
-    """Lower factors of matrices given by their lower triangles row by row, unrolled.
-
-    With them each pivot, what of a term the terms before it leave unexplained, and whether that is more than rounding.
-    Where it is not, 1 stands in its place: the factors are not used there, but their gradient must be finite.
-    """
-    lower: list[list[Array]] = [[] for _ in range(m)]
-    pivots, distinct, entries = [], [], iter(matrix)
-    for i in range(m):
-        for j in range(i + 1):
-            whole = entry = next(entries)
-            for p in range(j):
-                entry = entry - lower[i][p] * lower[j][p]
-            if i == j:
-                pivots.append(entry)
-                distinct.append((entry > PIVOT * whole) & (entry > TINY**0.5))
-                entry = jnp.sqrt(jnp.where(distinct[i], entry, 1.0))
-            lower[i].append(entry if i == j else entry / lower[j][j])
-    return lower, pivots, distinct
-
-
-def _solve(lower: list[list[Array]], right: list[Array]) -> list[Array]:
-    """Solutions of the factorised systems."""
-    m, x = len(lower), list(right)
-    for i in range(m):
-        for p in range(i):
-            x[i] = x[i] - lower[i][p] * x[p]
-        x[i] = x[i] / lower[i][i]
-    for i in reversed(range(m)):
-        for p in range(i + 1, m):
-            x[i] = x[i] - lower[p][i] * x[p]
-        x[i] = x[i] / lower[i][i]
-    return x

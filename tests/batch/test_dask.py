@@ -3,6 +3,7 @@
 import os
 import signal
 import subprocess
+import sys
 import time
 
 import pytest
@@ -84,9 +85,21 @@ def test_tiles_on_a_cluster_that_loses_a_worker(tmp_path):
     assert there.read_bytes() == here.read_bytes()
 
 
+# A second for a scheduler to answer, not half a minute.
+IMPATIENT = """
+import sys
+from cablejax.batch import engine
+from cablejax.cli import main
+engine.CONNECT_S = 1.0
+sys.exit(main(sys.argv[1:]))
+"""
+
+
 def test_no_scheduler_is_one_sentence(tmp_path):
     folders.fill(tmp_path / "scans", scans=1, broken=0)
-    done = folders.run("info", str(tmp_path / "scans"), "--unit", "mm", "--scheduler", "tcp://127.0.0.1:9", "--quiet")
+    arguments = ["info", str(tmp_path / "scans"), "--unit", "mm", "--scheduler", "tcp://127.0.0.1:9", "--quiet"]
+    command = [sys.executable, "-c", IMPATIENT, *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=folders.ROOT)
     assert done.returncode == 1
     assert done.stderr.startswith("cablejax: --scheduler tcp://127.0.0.1:9: no Dask scheduler answers there")
     assert "Traceback" not in done.stderr

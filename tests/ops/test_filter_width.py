@@ -4,8 +4,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
-from cablejax.ops import Trial, adaptive_filter, choose_alpha, pilot_places, usual_noise
+from cablejax.ops import KnnResult, Trial, adaptive_filter, choose_alpha, pilot_places, usual_noise
 from cablejax.ops.filter_width import LIFT, PILOT, SHARES, pilot_rows
 from cablejax.types import PointCloud
 
@@ -106,7 +107,16 @@ def test_padding_and_rows_without_a_point_do_not_change_the_width():
     rows = np.sort(rng.choice(4096, 2500, replace=False))
     spread, mask = np.zeros((4096, 3), np.float32), np.zeros(4096, bool)
     spread[rows], mask[rows] = xyz, True
-    tight = adaptive_filter(PointCloud.from_xyz(xyz, capacity=2500), k=24, order=1)
-    loose = adaptive_filter(PointCloud(jnp.asarray(spread), jnp.asarray(mask)), k=24, order=1)
+    near = cKDTree(xyz).query(xyz, 25)[1][:, 1:]
+
+    def filtered(points, mask, where):
+        """At some rows of a cloud; the search, which is not what is tested, by SciPy."""
+        neighbors = np.full((len(points), 24), -1, np.int32)
+        neighbors[where] = where[near]
+        nothing = jnp.zeros(len(points), jnp.int32)
+        found = KnnResult(jnp.asarray(neighbors), jnp.zeros(neighbors.shape, jnp.float32), nothing)
+        return adaptive_filter(PointCloud(jnp.asarray(points), jnp.asarray(mask)), order=1, found=found)
+
+    tight, loose = filtered(xyz, np.ones(2500, bool), np.arange(2500)), filtered(spread, mask, rows)
     np.testing.assert_allclose(np.asarray(loose.xyz)[rows], tight.xyz, atol=1e-4)
     np.testing.assert_allclose(np.asarray(loose.width)[rows], tight.width, rtol=1e-4)

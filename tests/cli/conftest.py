@@ -1,0 +1,5 @@
+"""Commands say in many forms what they measured once."""
+
+from tests.measured_once import _measured_once
+
+__all__ = ["_measured_once"]
