@@ -47,6 +47,17 @@ def ball_neighbors(
     return jnp.where(-negative <= radius**2, rows, rows[:, :1])
 
 
+def pose_of_points(pose: str) -> str:
+    """The frame of a network whose input is the coordinates alone, without what a fitted cylinder would add.
+
+    Raises:
+        ValueError: If it is neither "none" nor "principal".
+    """
+    if pose not in ("none", "principal"):
+        raise ValueError(f"pose: expected none or principal, got {pose!r}")
+    return pose
+
+
 class SetAbstraction(nnx.Module):
     """Choose m points, gather the neighbours of each, and pool shared layers of them.
 
@@ -108,9 +119,7 @@ class PointNet2(nnx.Module):
         dropout: float = 0.5,
         rngs: nnx.Rngs,
     ):
-        if pose not in ("none", "principal"):
-            raise ValueError(f"pose: expected none or principal, got {pose!r}")
-        self.pose: str = pose
+        self.pose = pose_of_points(pose)
         self.scale_mm = scale_mm
         radii = [each / scale_mm for each in radii_mm]
         self.first = SetAbstraction(0, (64, 64, 128), m=points[0], radius=radii[0], k=neighbors[0], rngs=rngs)

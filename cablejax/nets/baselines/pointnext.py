@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from flax import nnx
 from jaxtyping import Array, Bool, Float
 
-from cablejax.nets.baselines.pointnet2 import ball_neighbors, farthest_points
+from cablejax.nets.baselines.pointnet2 import ball_neighbors, farthest_points, pose_of_points
 from cablejax.nets.head import Classifier, pool_points
 from cablejax.nets.init import he_normal, lecun_normal
 from cablejax.nets.input_channels import pose_clouds
@@ -49,9 +49,7 @@ class PointNeXt(nnx.Module):
         dropout: float = 0.5,
         rngs: nnx.Rngs,
     ):
-        if pose not in ("none", "principal"):
-            raise ValueError(f"pose: expected none or principal, got {pose!r}")
-        self.pose: str = pose
+        self.pose = pose_of_points(pose)
         self.scale_mm = scale_mm
         widths = [32 * 2**stage for stage in range(len(points) + 1)]
         self.stem = NormedLinear(3, widths[0], rngs=rngs)
