@@ -10,7 +10,8 @@ import pytest
 
 import cablejax.tiles.traces
 from cablejax import PointCloud
-from cablejax.tiles import kernels
+from cablejax.io import write_points
+from cablejax.tiles import Settings, denoise_file, kernels, work
 from cablejax.tiles.traces import Traced
 from tests.reference.circles import bent_cable
 
@@ -85,6 +86,29 @@ def test_a_tile_has_the_same_bits_traced_and_read(kept):
     for _ in range(2):  # traced and kept, then read
         found = Traced(kernels.scores._function)(cloud, removal_k=8)
         assert all(np.array_equal(a, b) for a, b in zip(found, direct, strict=True))
+
+
+def test_the_work_on_tiles_finds_every_program_loaded_beforehand(kept, tmp_path, monkeypatch):
+    """What `warm` loads is what the work calls: other shapes or types would be a program more."""
+    all_ = (kernels.scores, kernels.nearest, kernels.width_trial, kernels.smooth)
+    for each in all_:
+        monkeypatch.setattr(each, "_programs", {})
+    options = {"removal_k": 4, "k": 8, "order": 1, "refinements": 1}
+    work.warm(capacity=512, smooth=True, **options)
+    loaded = [set(each._programs) for each in all_]
+    assert [len(each) for each in loaded] == [1, 1, 1, 1]
+    xyz = np.concatenate([bent_cable(n=900), [[200.0, 60.0, 60.0], [150.0, -60.0, 60.0]]])
+    write_points(tmp_path / "scan.ply", xyz)
+    stages = set()
+    denoise_file(
+        tmp_path / "scan.ply",
+        tmp_path / "out.ply",
+        settings=Settings(**options),
+        tile_points=512,
+        progress=lambda stage, *_: stages.add(stage),
+    )
+    assert {"scoring", "strays", "width", "smoothing"} <= stages
+    assert [set(each._programs) for each in all_] == loaded
 
 
 def test_every_kernel_of_a_tile_can_be_kept(kept):
