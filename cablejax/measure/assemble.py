@@ -36,10 +36,8 @@ from cablejax.measure.uncertainty import alignment
 from cablejax.measure.uncertainty.budget import CORRELATED, FORM, NOISE, combined, uncertainty_budget
 from cablejax.measure.uncertainty.shared_errors import shared_mm
 
-WORST_STD = 1 / 3  # of the diameter: beyond, the interval reaches from less than a third of it to more than five thirds
-# With errors that neighbours share, an arc below tells nothing unless the scanner is known; up to some 65 degrees, where the
-# budget widens the interval 25-fold, few are refused by less than that width.
-SHARED_ARC_DEG = 50.0
+WORST_STD = 0.25  # of the diameter: beyond, the interval reaches from less than half of it to more than one and a half
+SHARED_ARC_DEG = 65.0  # with errors that neighbours share, an arc below tells nothing unless the scanner is known
 LEAST_OPEN = 0.02  # of the radius, that they must leave open to matter: scans without noise share micrometres
 SHARED_MOST = 0.5  # of the scatter: shared errors above are the scanner's own, and not its noise
 ROUGHEST_SHARED = 0.1  # of the radius: neighbouring points that leave the circle together by more lie on something else

@@ -59,9 +59,9 @@ def test_an_arc_that_drowns_in_its_noise():
 
 def test_a_diameter_that_is_open_by_its_budget():
     with pytest.raises(
-        MeasureError, match=r"The diameter cannot be told: .* mm with a standard uncertainty of 11\d* mm"
+        MeasureError, match=r"The diameter cannot be told: .* mm with a standard uncertainty of 9\d* mm"
     ):
-        measure_cable(bent_cable(), settings=MeasureSettings(filter_std_mm=11.0))
+        measure_cable(bent_cable(), settings=MeasureSettings(filter_std_mm=9.0))
 
 
 def test_points_about_a_cable_rather_than_on_it():
