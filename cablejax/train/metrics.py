@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from flax import nnx
-from jaxtyping import Array, Int
+from jaxtyping import Array
 
 from cablejax.geometry.robust import COVERAGE
 from cablejax.train.losses import cross_entropy
@@ -163,9 +163,10 @@ def predict(graphdef: Any, state: Any, split: Clouds, *, batch_size: int) -> tup
     batch_size = min(batch_size, total)
     batches = -(-total // batch_size)
     rows = np.minimum(np.arange(batches * batch_size), total - 1).reshape(batches, batch_size)
-    xyz, mask = jnp.asarray(split.xyz), jnp.asarray(split.mask)
-    # Batch by batch: inside a loop XLA is slow at convolutions on the CPU (`make_plan`).
-    found = [jax.device_get(_outputs(graphdef, state, xyz, mask, row)) for row in rows]
+    xyz, mask = np.asarray(split.xyz), np.asarray(split.mask)
+    # Batch by batch: inside a loop XLA is slow at convolutions on the CPU (`make_plan`). Gathered outside, so that splits of
+    # any number of clouds share one program.
+    found = [jax.device_get(_outputs(graphdef, state, xyz[row], mask[row])) for row in rows]
     return tuple(np.concatenate(each)[:total] for each in zip(*found, strict=True))
 
 
@@ -207,10 +208,10 @@ def score(logits: np.ndarray, labels: np.ndarray) -> Metrics:
 
 
 @partial(jax.jit, static_argnums=0)
-def _outputs(graphdef: Any, state: Any, xyz: Array, mask: Array, row: Int[Array, " b"]) -> tuple[Array, ...]:
+def _outputs(graphdef: Any, state: Any, xyz: Array, mask: Array) -> tuple[Array, ...]:
     """Logits `[b, C]` of the clouds of a batch; of a network that tells diameters these and their deviations too."""
     model = nnx.merge(graphdef, state, copy=True)
     also = also_learnt(model)
     if also is None:
-        return (model(xyz[row], mask[row]),)
-    return tuple((model.estimate if also == "on_cable" else model.with_diameter)(xyz[row], mask[row]))[:3]
+        return (model(xyz, mask),)
+    return tuple((model.estimate if also == "on_cable" else model.with_diameter)(xyz, mask))[:3]
