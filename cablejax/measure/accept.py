@@ -1,17 +1,29 @@
-"""What earns a fitted cylinder its place: it stays what was sought, is smooth, shows enough of itself and is round."""
+"""What earns a fitted cylinder its place: what was sought, smooth, one surface, round, and enough of it seen."""
+
+from typing import NamedTuple
 
 import numpy as np
 
 from cablejax.measure.errors import MeasureError
 from cablejax.measure.find.cables import Find
 from cablejax.measure.find.track import Track
+from cablejax.measure.fit.axis import locate
 from cablejax.measure.fit.full import Fitted, fit_track
 from cablejax.measure.fit.least_squares import CableFit
-from cablejax.measure.messages import arc_too_small, not_round, not_sought, nothing_found, strayed, too_rough
+from cablejax.measure.messages import (
+    arc_too_small,
+    no_surface,
+    not_round,
+    not_sought,
+    nothing_found,
+    strayed,
+    too_rough,
+)
 from cablejax.measure.scan import Scan
 from cablejax.measure.settings import MeasureSettings
 from cablejax.measure.shape.faces import flat_faces
 from cablejax.measure.shape.sections import Sections, arc_seen, cut
+from cablejax.measure.shape.walls import Walls, filled, two_walls
 
 ROUGHEST = 0.33  # scatter over the radius; points that fill a cylinder evenly scatter by .35 of their mean distance
 PER_SECTION = 40  # points, on average, that a section must hold at least
@@ -21,11 +33,26 @@ class Strayed(MeasureError):
     """The fit has left what the search found: lesser finds of such a scan are no better."""
 
 
-def first_that_fits(scan: Scan, find: Find, settings: MeasureSettings) -> tuple[Fitted, Sections, float]:
-    """Fit the tracks in turn until one earns its place; the first one's failure if none does.
+class Accepted(NamedTuple):
+    """A fitted cylinder that has earned its place.
 
-    Returns:
-        The fit, its sections, and the circumference seen in degrees.
+    Attributes:
+        scan: The points that it was fitted to; of two surfaces about one axis those of one.
+        fitted: The fit.
+        sections: Its sections.
+        arc_deg: Circumference seen.
+        other_mm: Diameter of the other surface about the same axis; None where there is one alone.
+    """
+
+    scan: Scan
+    fitted: Fitted
+    sections: Sections
+    arc_deg: float
+    other_mm: float | None
+
+
+def first_that_fits(scan: Scan, find: Find, settings: MeasureSettings) -> Accepted:
+    """Fit the tracks in turn until one earns its place; the first one's failure if none does.
 
     Raises:
         MeasureError: That failure.
@@ -41,16 +68,16 @@ def first_that_fits(scan: Scan, find: Find, settings: MeasureSettings) -> tuple[
     raise failure or nothing_found(find)
 
 
-def accepted(scan: Scan, track: Track, find: Find, settings: MeasureSettings) -> tuple[Fitted, Sections, float]:
+def accepted(scan: Scan, track: Track, find: Find, settings: MeasureSettings) -> Accepted:
     """Fit one track, and refuse what is no cylinder.
 
     Raises:
         MeasureError: With the reason.
     """
-    try:
-        fitted = fit_track(scan, track, find.planes, settings)
-    except MeasureError as error:  # nothing round there; where most is flat, that is the reason to give
-        raise nothing_found(find) if find.flat_share > 0.5 else error from None
+    fitted, other = _fitted(scan, track, find, settings), None
+    if (walls := two_walls(fitted.fit)) is not None:
+        scan, other = _one_wall(scan, fitted.fit, walls, settings)
+        fitted = _fitted(scan, track, find, settings)
     fit = fitted.fit
     if (error := strayed(track.radius_mm, fit.radius_mm)) is not None:
         raise Strayed(str(error))
@@ -65,7 +92,25 @@ def accepted(scan: Scan, track: Track, find: Find, settings: MeasureSettings) ->
         raise arc_too_small(arc, settings.min_arc_deg, find)
     if (faces := flat_faces(fit, arc)) is not None:
         raise not_round(faces, 2 * fit.radius_mm)
-    return fitted, sections, arc
+    if filled(scan.xyz, fit):
+        raise no_surface(2 * fit.radius_mm)
+    return Accepted(scan, fitted, sections, arc, other)
+
+
+def _fitted(scan: Scan, track: Track, find: Find, settings: MeasureSettings) -> Fitted:
+    try:
+        return fit_track(scan, track, find.planes, settings)
+    except MeasureError as error:  # nothing round there; where most is flat, that is the reason to give
+        raise nothing_found(find) if find.flat_share > 0.5 else error from None
+
+
+def _one_wall(scan: Scan, fit: CableFit, walls: Walls, settings: MeasureSettings) -> tuple[Scan, float]:
+    """The scan without the inner of two surfaces, or without the outer where the inner alone is sought; its diameter."""
+    low, high = settings.limits.diameter_mm or (0.0, np.inf)
+    inside = low <= walls.inner_mm <= high < walls.outer_mm
+    place = locate(fit.axis, scan.xyz)
+    within = np.hypot(place.u, place.v) < walls.between_mm
+    return scan.subset(within == inside), walls.outer_mm if inside else walls.inner_mm
 
 
 def sections_of(fit: CableFit, settings: MeasureSettings) -> Sections:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cablejax.geometry.robust import COVERAGE, robust_std
-from cablejax.measure.accept import PER_SECTION
+from cablejax.measure.accept import PER_SECTION, Accepted
 from cablejax.measure.find.cables import Find
 from cablejax.measure.fit.axis import Axis, trimmed
 from cablejax.measure.fit.beam_noise import BeamBias
@@ -17,6 +17,7 @@ from cablejax.measure.messages import (
     about_form,
     about_instrument,
     about_shifts,
+    about_walls,
     arc_too_small_for_errors,
     not_one_surface,
     too_flat,
@@ -88,10 +89,7 @@ class _Diameter(NamedTuple):
 
 
 def assembled(
-    scan: Scan,
-    fitted: Fitted,
-    sections: Sections,
-    arc: float,
+    one: Accepted,
     find: Find,
     catalogue: Mapping[str, float] | None,
     settings: MeasureSettings,
@@ -101,6 +99,7 @@ def assembled(
     Raises:
         MeasureError: If the diameter cannot be told.
     """
+    scan, fitted, sections, arc, other = one
     fit = fitted.fit
     form = _form(scan, fitted, find)
     diameter = _diameter(scan, fitted, form, arc, settings)
@@ -141,6 +140,7 @@ def assembled(
         warnings=(
             *warnings_about(value, axis.length_mm, arc, find, oval_arc_deg=settings.oval_arc_deg),
             *about_instrument(diameter.beam.excess, given=settings.instrument is not None),
+            *about_walls(value, other),
             *about_form(diameter.form),
             *about_shifts(fitted.sweep, oval_known=shape is not None),
         ),

@@ -103,6 +103,6 @@ def _searched(
     # 1. Flat regions out, cylinders sought, the best ones followed along their bends.
     find = find_cables(scan.xyz, rng=np.random.default_rng(seed), limits=scan.moved(settings.limits))
     # 2. One radius and a smooth axis fitted to all points about the best track that turns out to be round.
-    fitted, sections, arc = first_that_fits(scan, find, settings)
+    one = first_that_fits(scan, find, settings)
     # 3. The numbers, each with what is known about it.
-    return assembled(scan, fitted, sections, arc, find, catalogue, settings)
+    return assembled(one, find, catalogue, settings)

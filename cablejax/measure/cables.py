@@ -201,15 +201,16 @@ def _one(
     Raises:
         MeasureError: If it is no cable, none of those that are sought, or runs through one that was measured.
     """
-    fitted, sections, arc = accepted(scan, track, find, settings)
+    one = accepted(scan, track, find, settings)
+    fit = one.fitted.fit
     alone = find._replace(tracks=[track])  # the others are measured in their turn: none is "a second cable"
-    result = assembled(scan, fitted, sections, arc, alone, catalogue, settings)
-    axis = sampled(result.axis_mm - scan.origin, step=0.2 * fitted.fit.radius_mm)
+    result = assembled(one, alone, catalogue, settings)
+    axis = sampled(result.axis_mm - scan.origin, step=0.2 * fit.radius_mm)
     if (why := _unwanted(result, axis, found)) is not None:
         raise NoCableError(why)
     place = locate(axis, scan.xyz)
-    mine = _belongs(place, axis, fitted.fit.radius_mm, fitted.fit.noise_mm)
-    return _Measured(result, scan.rows[mine], axis, fitted.fit.radius_mm)
+    mine = _belongs(place, axis, fit.radius_mm, fit.noise_mm)
+    return _Measured(result, scan.rows[mine], axis, fit.radius_mm)
 
 
 def _unwanted(result: CableMeasurement, axis: Axis, found: list[_Measured]) -> str | None:

@@ -145,6 +145,14 @@ def not_round(faces: int, diameter_mm: float) -> MeasureError:
     )
 
 
+def no_surface(diameter_mm: float) -> MeasureError:
+    """The error for points that lie about a fit as densely as on it."""
+    return NoCableError(
+        f"No cable found: what is roundest, some {diameter_mm:.3g} mm across, stands out of nothing: points lie about it as "
+        "densely as on it, and fill a solid. Cut the scan closer to the cable."
+    )
+
+
 def not_sought(diameter_mm: float, limits_mm: tuple[float, float]) -> MeasureError:
     """The error for a thing that is thinner or thicker than what is sought."""
     return NoCableError(
@@ -255,6 +263,18 @@ def about_accessory(share: float) -> str:
         f"Of the points that the diameter rests on, {100 * share:.0f} % are labelled as a joint's, stress cone's or "
         "termination's: it may not be the cable's own diameter."
     )
+
+
+def about_walls(diameter_mm: float, other_mm: float | None) -> list[str]:
+    """A sentence where two surfaces lie about one axis."""
+    if other_mm is None:
+        return []
+    where = "within" if other_mm < diameter_mm else "about"
+    sentence = (
+        f"A second surface lies {where} this one, {other_mm:.4g} mm across: the other side of a wall, or sweeps that are not "
+        "registered. Its points were left out; limits of the diameter say which of the two is meant."
+    )
+    return [sentence]
 
 
 def about_form(form: str) -> list[str]:

@@ -1,5 +1,6 @@
 """From one piece of a cable to the whole: step along the axis, refit, and stop where the surface stops."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +14,10 @@ from cablejax.measure.find.surface import Surface
 STEP = 1.0  # radii
 WINDOW = 1.5  # radii to either side
 MAX_STEPS = 4000
+CLOSED, LATELY = (
+    0.75,
+    3,
+)  # steps from a centre passed before, other than the last so many, within which a loop is closed
 GAP_STEPS = 4  # steps without points that a tie or a bracket may hide
 RING_SHARE = 0.9  # of all points, that a ring shorter than its radius must hold
 RING_GATHERED = 0.2  # length of the mean outward direction: 0.19 where 300 degrees are seen
@@ -67,9 +72,20 @@ def _reaches(surface: Surface, cylinder: Cylinder, rows: np.ndarray) -> bool:
     return bool(min(ahead, len(rows) - ahead) >= max(2, 0.1 * len(rows)))
 
 
-def _one_way(surface: Surface, tree: KDTree, start: Cylinder, enough: int) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Centres and rows from a start onwards, in the direction of its axis."""
+def _one_way(
+    surface: Surface, tree: KDTree, start: Cylinder, enough: int, passed: Sequence[np.ndarray] = ()
+) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Centres and rows from a start onwards, in the direction of its axis, until nothing follows or a loop closes.
+
+    Args:
+        surface: The thinned scan.
+        tree: Of its points.
+        start: Where to begin.
+        enough: Points that a step must hold.
+        passed: Centres of the other way.
+    """
     centers, members = [], []
+    closed = CLOSED * STEP * start.radius_mm
     current, gap = start, 0
     for _ in range(MAX_STEPS):
         ahead = Cylinder(
@@ -87,6 +103,10 @@ def _one_way(surface: Surface, tree: KDTree, start: Cylinder, enough: int) -> tu
         # The fit slides its centre to the middle of its points; bring it back abreast of where the step led.
         center = fitted.center + ((place - fitted.center) @ fitted.direction) * fitted.direction
         turned = fitted.direction @ current.direction
+        own = [start.center, *centers]
+        before = np.array([*passed, *own[:-LATELY]]).reshape(-1, 3)
+        if (np.linalg.norm(before - center, axis=1) < closed).any():
+            break
         if turned < np.cos(np.radians(40)) or np.linalg.norm(center - place) > 0.5 * start.radius_mm:
             break
         gap = 0
@@ -108,7 +128,7 @@ def follow(surface: Surface, start: Cylinder) -> Track | None:
     enough = max(5, len(rows) // 6)
     back = Cylinder(start.center, -start.direction, start.radius_mm)
     ahead, ahead_rows = _one_way(surface, tree, start, enough)
-    behind, behind_rows = _one_way(surface, tree, back, enough)
+    behind, behind_rows = _one_way(surface, tree, back, enough, ahead)
     centers = np.array([*behind[::-1], start.center, *ahead])
     members = [*behind_rows[::-1], rows, *ahead_rows]
     first = _end(surface, centers[0], centers[min(1, len(centers) - 1)], start, members[0], -1.0)
