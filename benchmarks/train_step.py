@@ -43,7 +43,12 @@ def batch(clouds: int, points: int, seed: int = 0) -> tuple[np.ndarray, np.ndarr
 
 
 def ours(name: str, data: tuple[np.ndarray, ...], k: int) -> tuple[Callable[[], Any], Callable[[], Any]]:
-    """`(step, infer)` of cablejax."""
+    """`(step, infer)` of cablejax, its cylinder fit included."""
+    return network(name, data, k=k, **({} if name == "adgcnn" else {"dropout": 0.0}))
+
+
+def network(name: str, data: tuple[np.ndarray, ...], **options: Any) -> tuple[Callable[[], Any], Callable[[], Any]]:
+    """`(step, infer)` of a network by name: what `cablejax.train.fit` runs for a batch, and a forward pass."""
     import jax
     import jax.numpy as jnp
     from flax import nnx
@@ -53,20 +58,20 @@ def ours(name: str, data: tuple[np.ndarray, ...], k: int) -> tuple[Callable[[], 
     from cablejax.train.batches import make_plan
     from cablejax.train.engine import Engine
 
-    xyz, mask, label = map(jnp.asarray, data)
-    options = {} if name == "adgcnn" else {"dropout": 0.0}
-    model = build_model(name, CLASSES, rngs=nnx.Rngs(0), k=k, **options)
+    arrays = tuple(map(jnp.asarray, data))
+    xyz, mask, label = arrays[:3]
+    model = build_model(name, CLASSES, rngs=nnx.Rngs(0), **options)
     config = TrainConfig(batch_size=len(label), steps_per_dispatch=1)
     engine = Engine(model, config, make_plan(len(label), config, model))
     state, rows = engine.initial_state(), jnp.arange(len(label))[None]
-    run = engine._compiled(state, (xyz, mask, label), rows)
+    run = engine._compiled(state, arrays, rows)
     model.eval()
     graphdef, weights = nnx.split(model)
     forward = jax.jit(lambda weights, xyz, mask: nnx.merge(graphdef, weights, copy=True)(xyz, mask))
 
     def step() -> float:
         nonlocal state
-        state, report = run(state, (xyz, mask, label), rows, engine.schedule)
+        state, report = run(state, arrays, rows, engine.schedule)
         return float(report.loss[0])
 
     return step, lambda: jax.block_until_ready(forward(weights, xyz, mask))

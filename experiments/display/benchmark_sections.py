@@ -59,6 +59,13 @@ BENCHMARKS: tuple[Section[Benchmark], ...] = (
     ),
     Section(
         Benchmark,
+        "Networks",
+        "Size and speed of the paper's network and of those beside it.",
+        ("benchmarks/networks",),
+        (of("benchmarks/networks", benchmark_tables.networks),),
+    ),
+    Section(
+        Benchmark,
         "Files",
         "Good, odd and damaged files of every format.",
         ("benchmarks/parsers", "benchmarks/fuzz"),

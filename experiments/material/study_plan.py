@@ -43,9 +43,9 @@ def optimizers(*names: str) -> dict[str, Arm]:
     return arms
 
 
-def adadelta(**own: tuple[str, ...]) -> dict[str, Arm]:
-    """Arms that differ in something else, each at its own best rate of Adadelta."""
-    return {name: Arm(("rates=trial", "optimizer=adadelta", *overrides)) for name, overrides in own.items()}
+def under(optimizer: str, **own: tuple[str, ...]) -> dict[str, Arm]:
+    """Arms that differ in something else, each at its own best rate of one optimizer."""
+    return {name: Arm(("rates=trial", f"optimizer={optimizer}", *overrides)) for name, overrides in own.items()}
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,8 @@ PARTS = {
         NO_FIT,
         0.95,
         1.6,
-        adadelta(
+        under(
+            "adadelta",
             full=(),
             no_attention=("model.options.attention=false",),
             no_enhancement=("model.options.enhancement=false",),
@@ -118,15 +119,33 @@ PARTS = {
         NO_FIT,
         0.95,
         1.8,
-        adadelta(fresh=(), **{f"pool{pool}": (f"dataset.pool={pool}",) for pool in (1, 2, 4, 8)}),
+        under("adadelta", fresh=(), **{f"pool{pool}": (f"dataset.pool={pool}",) for pool in (1, 2, 4, 8)}),
         confirm=(),
+    ),
+    # Networks on points that came before and after the paper, under Adam, which most of them were published with.
+    "point_networks": Part(
+        ("dataset=standard",),
+        0.95,
+        12.0,
+        under(
+            "adam",
+            **{
+                name: (f"model={name}", "+model.options.pose=none")
+                for name in ("adgcnn", "dgcnn", "pointnet", "pointnet2", "pointnext")
+            },
+        ),
+        trials=4,
+        confirm=(),
+        final=(10, 11, 12),
+        unused=(),
     ),
     # Figures 5-12. Images of the whole cable at 1 mm a pixel, of 1,024 points; ADGCNN has the same points and no fit.
     "networks": Part(
         ("dataset=standard", "dataset.n_points=1024"),
         0.95,
         30.0,
-        adadelta(
+        under(
+            "adadelta",
             adgcnn=("model=adgcnn", "+model.options.pose=none"),
             **{name: (f"model={name}", *IMAGES) for name in ("alexnet", "vgg16", "resnet50")},
         ),

@@ -3,6 +3,7 @@
 from typing import Any
 
 from experiments.analysis.benchmark import Benchmark
+from experiments.analysis.results import NAMES
 from experiments.display.table import Table
 
 
@@ -44,6 +45,37 @@ def cables(results: Benchmark) -> Table:
         rows,
         f"Half-cylinders of {config['points']:,} points, away from the cut edges. Noise of a fifth of the diameter (1 mm on "
         "5 mm) is beyond it.",
+    )
+
+
+def networks(results: Benchmark) -> Table:
+    """Parameters, operations and speed of every network."""
+    config = results.tables["networks"].config
+    rows = [
+        [
+            NAMES.get(row["network"], row["network"]),
+            f"{row['parameters'] / 1e6:.2f}",
+            f"{row['flop'] / 1e9:.3f}",
+            f"{1e3 * row['step_s']:.0f}",
+            f"{config['clouds'] / row['inference_s']:.0f}",
+            f"{row['first_step_s']:.0f}",
+        ]
+        for row in results.rows("networks")
+    ]
+    return Table(
+        "What each network costs",
+        [
+            "Network",
+            "million parameters",
+            "GFLOP a cloud",
+            "training step (ms)",
+            "clouds a second",
+            "first step after (s)",
+        ],
+        rows,
+        f"Batches of {config['clouds']} clouds of {config['points']} points, {config['classes']} classes, on {results.machine}; operations as XLA counts "
+        "them, bodies of loops once. Networks on points have no fit in their input but adgcnn_fit; those on images project the points first. "
+        "The first step includes compiling.",
     )
 
 

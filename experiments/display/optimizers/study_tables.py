@@ -17,6 +17,7 @@ TITLES = {
     "study_gradient_descent": "gradient descent by updates",
     "study_ablation": "parts of the network removed",
     "study_clouds": "number of training clouds",
+    "study_point_networks": "networks on points, no fit in the input",
     "study_networks": "networks (Figures 5-8)",
 }
 CLAIM = f"Figure 13: choosing Adadelta raises the accuracy from {paper.ACCURACY_BEFORE} to {paper.ACCURACY_AFTER}"
@@ -30,7 +31,15 @@ def arms_table(results: Results) -> Table | None:
     rows = [
         [
             NAMES[arm],
-            ", ".join([f"{each.learning_rate:g}", *(f"{name} {value:g}" for name, value in each.options.items())]),
+            ", ".join(
+                [
+                    f"{each.learning_rate:g}",
+                    *(
+                        f"{name.removesuffix('_value').replace('_', ' ')} {value:g}"
+                        for name, value in each.options.items()
+                    ),
+                ]
+            ),
             each.accuracy.format(3),
             each.failed.format(2),
             _finite(each.updates),
