@@ -68,6 +68,7 @@ def main() -> None:
     parser.add_argument("--only", nargs="+", choices=list(MODELS), default=list(MODELS))
     parser.add_argument("--out", help="JSON file to write")
     options = parser.parse_args()
+    jax.config.update("jax_enable_compilation_cache", False)  # the first step is to include compiling
     rows = []
     for name in options.only:
         rows.append(cost(name))

@@ -73,9 +73,9 @@ def networks(results: Benchmark) -> Table:
             "first step after (s)",
         ],
         rows,
-        f"Batches of {config['clouds']} clouds of {config['points']} points, {config['classes']} classes, on {results.machine}; operations as XLA counts "
-        "them, bodies of loops once. Networks on points have no fit in their input but adgcnn_fit; those on images project the points first. "
-        "The first step includes compiling.",
+        f"Batches of {config['clouds']} clouds of {config['points']} points, {config['classes']} classes, on {results.machine}; "
+        "operations as XLA counts them, bodies of loops once. Networks on points have no fit in their input but adgcnn_fit; "
+        "those on images project the points first. The first step includes compiling.",
     )
 
 
