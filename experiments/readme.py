@@ -16,8 +16,8 @@ from experiments.display.section import Section
 from experiments.display.sections import SHOWN
 from experiments.display.table import Table
 
-PAGES = ("README.md", "docs/results.md", "docs/nets.md")
-MARK = re.compile(r"(<!-- made: ([\w ]+) -->\n).*?(<!-- end -->)", re.DOTALL)
+PAGES = ("README.md", "docs/results.md", "docs/nets.md", "docs/learned.md")
+MARK = re.compile(r"(<!-- made: ([^\n]+?) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
 def sections(results: Path) -> str:

@@ -32,6 +32,7 @@ def curves(results: Results) -> Drawing | None:
             right.plot([], [], label=NAMES[arm], **style)
     left.set_title("(a) final runs, median of seeds", loc="left", fontsize=10)
     left.set_xlabel("epoch")
+    left.xaxis.get_major_locator().set_params(integer=True)
     left.set_ylabel("validation accuracy, eq. (20)")
     left.set_ylim(0, 1.02)
     right.set_title("(b) best of n trials, expected", loc="left", fontsize=10)
