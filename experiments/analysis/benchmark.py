@@ -60,4 +60,4 @@ class Benchmark:
     def machine(self) -> str:
         """The processor that it ran on, and how many cores were used."""
         cpu = self.provenance["cpu"]
-        return f"{cpu['model']}, {cpu['usable']} cores"
+        return f"{cpu['model']}, {cpu['usable']} core{'s' if cpu['usable'] != 1 else ''}"

@@ -126,7 +126,7 @@ PARTS = {
     "point_networks": Part(
         ("dataset=standard",),
         0.95,
-        12.0,
+        17.0,
         under(
             "adam",
             **{
