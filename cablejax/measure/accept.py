@@ -92,7 +92,7 @@ def accepted(scan: Scan, track: Track, find: Find, settings: MeasureSettings) ->
         raise arc_too_small(arc, settings.min_arc_deg, find)
     if (faces := flat_faces(fit, arc)) is not None:
         raise not_round(faces, 2 * fit.radius_mm)
-    if filled(scan.xyz, fit):
+    if filled(scan.xyz, fit) is not None:
         raise no_surface(2 * fit.radius_mm)
     return Accepted(scan, fitted, sections, arc, other)
 

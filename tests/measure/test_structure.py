@@ -116,9 +116,7 @@ def test_errors_that_a_short_arc_shares_are_refused_or_in_the_interval(arc):
     wave = 0.04 * np.sin(2 * np.pi * along / 25) * np.cos(2 * np.pi * np.degrees(angle) / 40)
     radius = RADIUS + wave + 0.01 * rng.normal(size=9000)
     xyz = np.stack([along, radius * np.cos(angle), radius * np.sin(angle)], axis=1)
-    if (
-        arc == 40.0
-    ):  # these errors leave a thirtieth of the radius open; over 60 degrees an eightieth, which the interval holds
+    if arc == 40.0:  # a thirtieth of the radius is left open; over 60 degrees an eightieth, which the interval holds
         with pytest.raises(MeasureError, match=r"share errors of 0\.0"):
             measure_cable(xyz, settings=MeasureSettings(stations=1))
         return

@@ -53,9 +53,11 @@ def test_of_two_walls_the_outer_is_measured_unless_the_inner_is_sought(seed):
         tube(RADIUS, 6000, noise=1.0),
         tube(RADIUS, 6000) * [1.0, 1.0, 0.9],  # oval
         tube(RADIUS, 6000) * (1 + np.array([[0.0, 1, 1]]) * (tube(RADIUS, 6000)[:, :1] / LENGTH - 0.5) * 0.2),  # taper
+        tube(RADIUS, 6000, noise=0.0)
+        * (1 + 1e-7 * np.where(np.arange(6000) % 2, 1, -1)[:, None] * [0, 1, 1]),  # two last bits
         np.round(tube(RADIUS, 6000) / 2.0) * 2.0,  # on a coarse grid, whose levels differ from place to place
     ],
-    ids=["noise", "oval", "taper", "grid"],
+    ids=["noise", "oval", "taper", "rounding", "grid"],
 )
 def test_one_surface_is_not_taken_for_two(one_surface):
     assert two_walls(fit_cable(one_surface, LINE, RADIUS)) is None

@@ -14,10 +14,8 @@ from cablejax.measure.find.surface import Surface
 STEP = 1.0  # radii
 WINDOW = 1.5  # radii to either side
 MAX_STEPS = 4000
-CLOSED, LATELY = (
-    0.75,
-    3,
-)  # steps from a centre passed before, other than the last so many, within which a loop is closed
+CLOSED = 0.75  # steps from a centre passed before, within which a loop is closed
+LATELY = 3  # of the last centres are not looked at for that
 GAP_STEPS = 4  # steps without points that a tie or a bracket may hide
 RING_SHARE = 0.9  # of all points, that a ring shorter than its radius must hold
 RING_GATHERED = 0.2  # length of the mean outward direction: 0.19 where 300 degrees are seen

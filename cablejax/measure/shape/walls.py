@@ -15,6 +15,7 @@ CELL_POINTS = 8  # of a patch, for its points to be told apart
 APART = 0.12  # of the variance of a patch that two levels leave: half of a Gaussian's points leave .36, of an even spread .25
 MOST = 0.5  # of the points, that must lie in patches of two levels
 EVEN = 0.1  # of the distance between the levels, that it and they may vary by: the levels of a coarse grid turn with the surface
+LEAST_WALL = 0.01  # of the radius, between the levels: nearer ones are those of the coordinates' rounding
 AROUND = 2.0  # radii from the axis, within which the points are looked at
 SEEN = 0.3  # of the fullest direction's points, from which a direction counts
 FILLED = (
@@ -71,13 +72,14 @@ def two_walls(fit: CableFit) -> Walls | None:
     at = np.flatnonzero((between == best[number]) & two[number])
     low, high = fit.radius_mm + low[at], fit.radius_mm + high[at]
     inner, outer = float(np.median(low)), float(np.median(high))
-    if max(robust_std(low - inner), robust_std(high - low - (outer - inner))) > EVEN * (outer - inner):
+    wall = outer - inner
+    if wall < LEAST_WALL * fit.radius_mm or max(robust_std(low - inner), robust_std(high - low - wall)) > EVEN * wall:
         return None
     return Walls(2 * inner, 2 * outer, 0.5 * (inner + outer))
 
 
 def filled(xyz: Float[np.ndarray, "n 3"], fit: CableFit) -> float | None:
-    """How dense the points inside are beside those of the surface, where that is as dense as in a solid; None where it is not.
+    """How dense the points within and about a surface are beside its own, where that is as in a solid; None where it stands out.
 
     Args:
         xyz: All points of the scan, mm.
@@ -95,4 +97,4 @@ def filled(xyz: Float[np.ndarray, "n 3"], fit: CableFit) -> float | None:
     about = (distance < inner) | ((distance > outer) & (distance < box))
     rest = float(np.sum(seen & about) / (inner**2 + box**2 - outer**2))
     on = float(np.sum(seen & wall) / (4 * radius * depth))
-    return rest / on if rest > FILLED * on else None
+    return rest / max(on, 1e-12) if rest > FILLED * on else None
