@@ -40,8 +40,8 @@ def capacity_for(n: int) -> int:
 class PointCloud(NamedTuple):
     """Points with their validity: the fixed-shape form in which jit-compiled functions take a cloud.
 
-    Rows whose mask is False are padding: whatever coordinates stand there, they change no valid output. How many they are
-    does in one place: the width that `adaptive_filter` chooses by itself rests on every so many of all rows.
+    Rows whose mask is False are padding: whatever coordinates stand there, and however many they are, they change no valid
+    output.
 
     Attributes:
         xyz: Coordinates `[n, 3]`, float32.

@@ -7,18 +7,20 @@ if TYPE_CHECKING:
     from cablejax.types import PointCloud
 
 LEAST = 2048
+DOUBLING = 1 << 18  # up to here the next power of two: a cloud twice as long costs a second or two, its programs twenty
 
 
 def capacity(points: int) -> int:
-    """The least of the capacities that holds so many points: 2,048, then those of `capacity_for`.
+    """The least of the capacities that holds so many points: powers of two from 2,048, then those of `capacity_for`.
 
     Example:
-        >>> [capacity(n) for n in (1, 2048, 2049, 51_000, 53_135)]
-        [2048, 2048, 2304, 53248, 53248]
+        >>> [capacity(n) for n in (1, 2049, 53_135, 61_000, 262_144, 262_145)]
+        [2048, 4096, 65536, 65536, 262144, 294912]
     """
     from cablejax.types import capacity_for
 
-    return max(LEAST, capacity_for(points))
+    doubled = max(LEAST, 1 << max(points - 1, 0).bit_length())
+    return doubled if doubled <= DOUBLING else capacity_for(points)
 
 
 def padded(scan: "PointFile") -> "PointCloud":

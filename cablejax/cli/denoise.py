@@ -92,7 +92,7 @@ def _whole(options: argparse.Namespace) -> dict[str, Any]:
     scan = load(options, options.scan)
     import numpy as np
 
-    from cablejax.ops import clean, statistical_outliers
+    from cablejax.cli.kernels import cleaned, without_outliers
 
     cloud, n = padded(scan), len(scan.xyz_mm)
     if n <= options.neighbors:
@@ -102,11 +102,10 @@ def _whole(options: argparse.Namespace) -> dict[str, Any]:
     say(options, f"removing outliers from {n:,} points" + ("" if options.no_filter else ", smoothing"))
     xyz, width = cloud.xyz, None
     if options.no_filter:
-        keep = statistical_outliers(cloud, std_ratio=options.std_ratio).keep
+        keep = without_outliers(cloud, np.float32(options.std_ratio))
     else:
-        result = clean(cloud, std_ratio=options.std_ratio, k=options.neighbors, order=options.order)
-        xyz, keep = result.xyz, result.keep
-        width = float(np.mean(np.asarray(result.width, dtype=np.float64)[np.asarray(keep)]))
+        xyz, keep, widths = cleaned(cloud, np.float32(options.std_ratio), k=options.neighbors, order=options.order)
+        width = float(np.mean(np.asarray(widths, dtype=np.float64)[np.asarray(keep)]))
     xyz, before, rest = (np.asarray(array)[:n] for array in (xyz, cloud.xyz, keep))
     if not rest.any():
         raise NoResultError(f"{options.scan}: outlier removal left no point; a larger --std-ratio keeps more")

@@ -24,6 +24,7 @@ from cablejax.measure.settings import MeasureSettings
 from cablejax.measure.shape.faces import flat_faces
 from cablejax.measure.shape.sections import Sections, arc_seen, cut
 from cablejax.measure.shape.walls import Walls, filled, two_walls
+from cablejax.measure.steps import step_across, too_coarse
 
 ROUGHEST = 0.33  # scatter over the radius; points that fill a cylinder evenly scatter by .35 of their mean distance
 PER_SECTION = 40  # points, on average, that a section must hold at least
@@ -42,6 +43,7 @@ class Accepted(NamedTuple):
         sections: Its sections.
         arc_deg: Circumference seen.
         other_mm: Diameter of the other surface about the same axis; None where there is one alone.
+        step_mm: Step of the coordinates across the axis; 0 where they have none.
     """
 
     scan: Scan
@@ -49,6 +51,7 @@ class Accepted(NamedTuple):
     sections: Sections
     arc_deg: float
     other_mm: float | None
+    step_mm: float
 
 
 def first_that_fits(scan: Scan, find: Find, settings: MeasureSettings) -> Accepted:
@@ -84,6 +87,9 @@ def accepted(scan: Scan, track: Track, find: Find, settings: MeasureSettings) ->
     limits = settings.limits.diameter_mm
     if limits is not None and not limits[0] <= 2 * fit.radius_mm <= limits[1]:
         raise not_sought(2 * fit.radius_mm, limits)
+    step = step_across(scan.xyz, fit.axis)
+    if (error := too_coarse(step, 2 * fit.radius_mm)) is not None:
+        raise error
     if fit.noise_mm > ROUGHEST * fit.radius_mm:
         raise too_rough(fit.noise_mm, fit.radius_mm)
     sections = sections_of(fit, settings)
@@ -94,7 +100,7 @@ def accepted(scan: Scan, track: Track, find: Find, settings: MeasureSettings) ->
         raise not_round(faces, 2 * fit.radius_mm)
     if filled(scan.xyz, fit) is not None:
         raise no_surface(2 * fit.radius_mm)
-    return Accepted(scan, fitted, sections, arc, other)
+    return Accepted(scan, fitted, sections, arc, other, step)
 
 
 def _fitted(scan: Scan, track: Track, find: Find, settings: MeasureSettings) -> Fitted:

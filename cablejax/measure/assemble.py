@@ -33,6 +33,7 @@ from cablejax.measure.shape.free_section import free_section
 from cablejax.measure.shape.profile import Profile, profile_along
 from cablejax.measure.shape.sections import Oval, Sections, between, oval
 from cablejax.measure.shape.stretches import ONE, Stretch, diameter_at, form_of, mean_of, stretches_of, within
+from cablejax.measure.steps import about_steps
 from cablejax.measure.uncertainty import alignment
 from cablejax.measure.uncertainty.budget import CORRELATED, FORM, NOISE, combined, uncertainty_budget
 from cablejax.measure.uncertainty.shared_errors import shared_mm
@@ -99,7 +100,7 @@ def assembled(
     Raises:
         MeasureError: If the diameter cannot be told.
     """
-    scan, fitted, sections, arc, other = one
+    scan, fitted, sections, arc, other, step = one
     fit = fitted.fit
     form = _form(scan, fitted, find)
     diameter = _diameter(scan, fitted, form, arc, settings)
@@ -141,6 +142,7 @@ def assembled(
             *warnings_about(value, axis.length_mm, arc, find, oval_arc_deg=settings.oval_arc_deg),
             *about_instrument(diameter.beam.excess, given=settings.instrument is not None),
             *about_walls(value, other),
+            *about_steps(step, value),
             *about_form(diameter.form),
             *about_shifts(fitted.sweep, oval_known=shape is not None),
         ),

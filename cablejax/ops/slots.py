@@ -11,6 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 from cablejax.ops.varying import varying_like
 
 Sums = TypeVar("Sums")
+State = TypeVar("State")
 
 
 class Neighborhoods(NamedTuple):
@@ -38,25 +39,45 @@ def sum_over_slots(neighbors: Int[Array, "k m"], term: Callable[[Int[Array, " m"
         term: From the neighbours in one slot `[m]`, 0 where there is none, and whether there is one `[m]`, to arrays.
     """
 
-    def at_slot(slot: Any) -> Any:
-        rows = lax.dynamic_index_in_dim(neighbors, slot, keepdims=False)
+    def of(rows: Array) -> Any:
         return term(jnp.maximum(rows, 0), rows >= 0)
 
-    shapes = jax.eval_shape(at_slot, 0)
+    shapes = jax.eval_shape(of, neighbors[0])
     start = jax.tree.map(lambda s: varying_like(jnp.zeros(s.shape, s.dtype), s), shapes)
-    return lax.fori_loop(0, neighbors.shape[0], lambda slot, sums: jax.tree.map(jnp.add, sums, at_slot(slot)), start)
+    return through_slots(neighbors, lambda rows, sums: jax.tree.map(jnp.add, sums, of(rows)), start)
 
 
 def farthest(xyz: Float[Array, "3 n"], centre: Float[Array, "3 m"], neighbors: Int[Array, "k m"]) -> Float[Array, " m"]:
     """Squared distance from each centre to its farthest neighbour; 0 where there is none."""
 
-    def at_slot(slot: Any, most: Array) -> Array:
-        rows = lax.dynamic_index_in_dim(neighbors, slot, keepdims=False)
+    def at_slot(rows: Array, most: Array) -> Array:
         sq_dist = jnp.square(gather(xyz, jnp.maximum(rows, 0)) - centre).sum(axis=0)
         return jnp.maximum(most, jnp.where(rows >= 0, sq_dist, 0.0))
 
     start = varying_like(jnp.zeros(centre.shape[1], xyz.dtype), xyz, centre, neighbors)
-    return lax.fori_loop(0, neighbors.shape[0], at_slot, start)
+    return through_slots(neighbors, at_slot, start)
+
+
+def through_slots(
+    neighbors: Int[Array, "k m"], step: Callable[[Int[Array, " m"], State], State], start: State
+) -> State:
+    """Carry a state through the slots of many neighbourhoods, one after the other.
+
+    Each slot's rows are cut out a turn before they are used. Cut out where they are used, the cut becomes part of each
+    loop over the points, and LLVM does not vectorise a loop that reads the slot's number (`clean` with 100 neighbours on
+    one core of an AMD EPYC: 4.6 s, so 2.2 s).
+
+    Args:
+        neighbors: Rows of the neighbours `[k, m]`, -1 where there is none.
+        step: From the rows in one slot `[m]` and the state to the next state.
+        start: The state before the first slot.
+    """
+
+    def turn(slot: Any, carry: tuple[Array, State]) -> tuple[Array, State]:
+        rows, state = carry
+        return lax.dynamic_index_in_dim(neighbors, slot + 1, keepdims=False), step(rows, state)
+
+    return lax.fori_loop(0, neighbors.shape[0], turn, (neighbors[0], start))[1]
 
 
 def gather(rows: Float[Array, "c n"], at: Int[Array, "..."]) -> Float[Array, "c ..."]:

@@ -5,7 +5,6 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
-from scipy.spatial.transform import Rotation
 
 from cablejax.simulate.accessories import Revolved, revolve, with_clamp, with_joint, with_stress_cone, with_termination
 from cablejax.simulate.clutter import FLAT_MM, Neighbour, Plane, Scene, box, neighbour, support, tray
@@ -142,6 +141,8 @@ def _standing(tube: Tube, outline_mm: float, posts: list[Post], rng: np.random.G
 
 def _boxes(tube: Tube, outline_mm: float, rng: np.random.Generator) -> list[Placed]:
     """Two boxes of any size, turned anyhow."""
+    from scipy.spatial.transform import Rotation  # half a second, for training scenes alone
+
     found = []
     for _ in range(2):
         half = rng.uniform(10.0, 120.0, 3)

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import export
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from cablejax.simulate.clutter import Cabling, Scene
@@ -14,7 +15,8 @@ from cablejax.simulate.presets import Scanner, numbers_of, scanner
 from cablejax.simulate.scenes import make_scene
 from cablejax.simulate.sheath import finish as finish_of
 from cablejax.simulate.surface import around, unit
-from cablejax.simulate.sweeps import choose_rows, hang_in_air, sweep_beams
+from cablejax.simulate.sweeps import Rows, choose_rows, hang_in_air, sweep_beams
+from cablejax.traces import Traced
 
 BEAMS_PER_POINT = (1.6, 3.2, 6.4, 12.8, 25.6)  # tried in turn, until enough beams come back
 
@@ -58,6 +60,10 @@ class Scan(NamedTuple):
     finish: str
 
 
+export.register_namedtuple_serialization(Rows, serialized_name="cablejax.Rows")
+
+
+@Traced
 @partial(jax.jit, static_argnames=("lines", "columns", "n_points"))
 def _scan(scene, angles, arc, middle, numbers, outliers, key, *, lines, columns, n_points):
     keys = jax.random.split(key, 3)
@@ -74,6 +80,9 @@ def station_pose(cable: Cabling, angle: Float[Array, ""], standoff_mm: Float[Arr
     z = unit(jnp.concatenate([middle, jnp.zeros(1)]) - origin)
     rotation = jnp.stack([x, jnp.cross(z, x), z], axis=1)
     return jnp.eye(4).at[:3, :3].set(rotation).at[:3, 3].set(origin)
+
+
+_poses = jax.jit(jax.vmap(station_pose, in_axes=(None, 0, None)))
 
 
 def scan_scene(
@@ -108,7 +117,7 @@ def scan_scene(
             break
     else:
         raise ValueError(f"arc_deg: {arc_deg!r} leaves too little of the cable to be seen")
-    poses = jax.vmap(station_pose, in_axes=(None, 0, None))(cable, angles, jnp.float32(device.standoff_mm))
+    poses = _poses(cable, angles, jnp.float32(device.standoff_mm))
     return Scan(
         xyz_mm=rows.xyz_mm,
         signed_distance_mm=distance,

@@ -6,12 +6,13 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import export, lax
+from jax import export
 from jaxtyping import Array, Float
 
 from cablejax import ops
 from cablejax.ops import KnnResult, Trial, adaptive_filter, knn, statistical_outliers
-from cablejax.tiles.traces import Traced
+from cablejax.ops.slots import through_slots
+from cablejax.traces import Traced
 from cablejax.types import PointCloud
 
 
@@ -69,12 +70,10 @@ def smooth(
 def _farthest(near: Array, keep: Array, need: Array) -> Array:
     """The largest need among each point's kept neighbours."""
 
-    def at_slot(slot, most):
-        rows = lax.dynamic_index_in_dim(near, slot, keepdims=False)
-        at = jnp.maximum(rows, 0)
-        return jnp.maximum(most, jnp.where((rows >= 0) & keep[at], need[at], 0.0))
+    def at_slot(rows, most):
+        return jnp.maximum(most, jnp.where((rows >= 0) & keep[jnp.maximum(rows, 0)], need[jnp.maximum(rows, 0)], 0.0))
 
-    return lax.fori_loop(0, near.shape[0], at_slot, jnp.zeros_like(need))
+    return through_slots(near, at_slot, jnp.zeros_like(need))
 
 
 @Traced

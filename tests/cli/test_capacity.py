@@ -9,7 +9,7 @@ import pytest
 
 from cablejax import PointCloud
 from cablejax.cli import main
-from cablejax.cli.capacity import LEAST, capacity
+from cablejax.cli.capacity import DOUBLING, LEAST, capacity
 from cablejax.io import read_points, write_points
 from cablejax.ops import clean
 from tests.reference.circles import bent_cable
@@ -35,18 +35,19 @@ def test_few_capacities_and_little_padding():
     points = np.unique(np.geomspace(1, 3e6, 20_000).astype(int))
     found = np.array([capacity(int(n)) for n in points])
     assert (found >= points).all()
-    above = points > LEAST
+    doubled, above = (points > LEAST) & (points <= DOUBLING), points > DOUBLING
+    assert (found[doubled] < 2 * points[doubled]).all()
     assert (found[above] - points[above] < points[above] / PER_OCTAVE).all()
-    octaves = np.log2(points.max() / LEAST)
-    assert len(np.unique(found)) <= PER_OCTAVE * np.ceil(octaves) + 1
+    octaves = np.log2(points.max() / DOUBLING)
+    assert len(np.unique(found)) <= np.log2(DOUBLING / LEAST) + 1 + PER_OCTAVE * np.ceil(octaves)
     assert all(capacity(int(n)) == n for n in found)  # a capacity is its own
 
 
 @pytest.fixture
 def scans(tmp_path):
-    """Two scans of each of two capacities, 2,304 and the least, and their files."""
+    """Two scans of each of two capacities, 4,096 and the least, and their files."""
     files = []
-    for n in (2100, 2290, 1500, 1900):
+    for n in (2100, 3900, 1500, 1900):
         files.append((str(tmp_path / f"{n}.ply"), bent_cable(n=n, seed=n)))
         write_points(*files[-1])
     return files

@@ -54,6 +54,22 @@ def test_a_square_bar_is_four_faces():
     assert flat_faces(fitted(xyz), 360.0) == 4
 
 
+@pytest.mark.parametrize("arc_deg", [200.0, 280.0, 360.0])
+def test_what_tapers_is_brought_to_one_size_first(arc_deg):
+    """A stem from half as wide again to half as wide: about its mean radius it scatters as a triangle does."""
+    xyz = cylinder(arc_deg, noise=0.5, n=8000)
+    xyz[:, 1:] *= 1.45 - 0.9 * xyz[:, :1] / LENGTH
+    assert flat_faces(fitted(xyz), arc_deg) is None
+    rng = np.random.default_rng(3)
+    side, across = rng.integers(4, size=8000), rng.uniform(-13, 13, 8000)
+    turn = 0.5 * np.pi * side
+    y, z = 13 * np.cos(turn) - across * np.sin(turn), 13 * np.sin(turn) + across * np.cos(turn)
+    along = rng.uniform(0, LENGTH, 8000)
+    bar = np.stack([along, y, z], axis=1)
+    bar[:, 1:] *= 1.2 - 0.4 * along[:, None] / LENGTH
+    assert flat_faces(fitted(bar), 360.0) == 4
+
+
 def test_noise_is_not_shared_and_a_pattern_is():
     plain, xyz = cylinder(120.0), cylinder(120.0)
     # Chance correlations are taken off at two standard deviations of theirs: what is left is below a quarter of the noise.
@@ -131,6 +147,18 @@ def test_the_thing_ends_where_its_arc_does():
     low, high = extent(along, angle, radius_mm=RADIUS)
     assert low == pytest.approx(0, abs=1)
     assert high == pytest.approx(100, abs=0.5 * RADIUS)  # one slab
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_thin_stretch_is_no_end_and_a_dense_gap_is(seed):
+    """Gaps around the circumference count as chance where points are few, and as gaps where they are many."""
+    rng = np.random.default_rng(seed)
+    dense, thin = (np.stack([rng.uniform(0, 100, n), rng.uniform(0, 2 * np.pi, n)]) for n in (6000, 500))
+    along, angle = np.concatenate([dense, thin + [[100.0], [0.0]]], axis=1)
+    assert extent(along, angle, radius_mm=RADIUS)[1] > 190
+    open_ = np.degrees(dense[1]) % 60 < 32  # strips with 28 degrees between them: half of the circumference
+    along, angle = np.concatenate([dense, dense[:, open_] + [[100.0], [0.0]]], axis=1)
+    assert extent(along, angle, radius_mm=RADIUS)[1] == pytest.approx(100, abs=0.5 * RADIUS)
 
 
 def test_a_tie_does_not_end_a_cable_and_a_far_stub_is_no_part_of_it():

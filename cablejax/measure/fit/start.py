@@ -15,6 +15,9 @@ from cablejax.measure.shape.ends import extent
 MIN_ON_CABLE = 30
 KNOTS = 1.0  # diameters between knots of an axis that bends
 COARSE_POINTS = 8_000  # on which the first fits are made
+SHORTEST = (
+    0.05  # radii: coordinates written with few digits lie in planes, one of which may alone show its circumference
+)
 SHARPEST = np.radians(60.0)  # within one diameter: a bend radius of .95 diameters
 
 
@@ -98,6 +101,9 @@ def seen(fit: CableFit) -> tuple[float, float]:
 
     Where an axis turns by more than `SHARPEST` within a diameter, its bend radius is below a diameter: past its end a curve
     follows whatever comes. Of the stretches between such places the one with the most points counts.
+
+    Raises:
+        MeasureError: If the stretch is a ring, on whose plane no direction of an axis rests.
     """
     used = fit.weight > 0
     angle = np.arctan2(fit.place.v[used], fit.place.u[used])
@@ -109,7 +115,12 @@ def seen(fit: CableFit) -> tuple[float, float]:
         longest = max(runs, key=np.count_nonzero)
         if longest.sum() >= MIN_ON_CABLE:
             along, angle = along[longest], angle[longest]
-    return extent(along, angle, radius_mm=fit.radius_mm)
+    low, high = extent(along, angle, radius_mm=fit.radius_mm)
+    if high - low < SHORTEST * fit.radius_mm:
+        raise NoCableError(
+            f"No cable found: what is roundest, some {2 * fit.radius_mm:.3g} mm across, is a ring {high - low:.3g} mm long."
+        )
+    return low, high
 
 
 def tube(

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 from cablejax.measure.shape.sections import BIN_DEG, bins_of
 
 LEAST_ARC = 0.7  # of the usual arc, which half of the points lie in slabs of
-SMALL_GAP = 3  # bins to either side: gaps up to twice as wide are chance, where points are few
+SMALL_GAP = 3  # bins to either side: gaps up to twice as wide may be chance, where points are few
 PER_SLAB = 60  # points, on average, that a slab must hold for its arc to be counted
 SLABS = 200
 
@@ -33,8 +33,8 @@ def extent(along: Float[np.ndarray, " n"], angle: Float[np.ndarray, " n"], *, ra
     slab = np.minimum(((along - low) / max(length, 1e-9) * count).astype(int), count - 1)
     covered = np.zeros((count, int(360 / BIN_DEG)), dtype=bool)
     covered[slab, bins_of(angle)] = True
-    arc = _closed(covered).sum(axis=1)
     points = np.bincount(slab, minlength=count).astype(float)
+    arc = _closed(covered, points).sum(axis=1)
     order = np.argsort(arc, kind="stable")
     usual = arc[order][np.searchsorted(np.cumsum(points[order]), 0.5 * len(along))]
     first, last = joined(arc >= LEAST_ARC * usual, points)
@@ -42,9 +42,20 @@ def extent(along: Float[np.ndarray, " n"], angle: Float[np.ndarray, " n"], *, ra
     return float(inside.min()), float(inside.max())
 
 
-def _closed(covered: Bool[np.ndarray, "m bins"]) -> Bool[np.ndarray, "m bins"]:
-    """Rows of bins around the circumference without their small gaps: a thinly scanned slab shows as much arc as a dense one."""
-    shifts = range(-SMALL_GAP, SMALL_GAP + 1)
+def _closed(covered: Bool[np.ndarray, "m bins"], points: Float[np.ndarray, " m"]) -> Bool[np.ndarray, "m bins"]:
+    """Rows of bins around the circumference without gaps that chance leaves: a thin slab shows as much arc as a dense one.
+
+    Of so many points to a bin, gaps wider than `2 half` bins are expected less than once a circumference.
+    """
+    closed = [_without_gaps(covered, half) for half in range(SMALL_GAP + 1)]
+    density = points / np.maximum(closed[-1].sum(axis=1), 1)
+    half = np.minimum(0.5 * np.log(covered.shape[1]) / np.maximum(density, 1e-9), SMALL_GAP).astype(int)
+    return np.stack(closed)[half, np.arange(len(covered))]
+
+
+def _without_gaps(covered: Bool[np.ndarray, "m bins"], half: int) -> Bool[np.ndarray, "m bins"]:
+    """Rows of bins without gaps of up to `2 half` bins."""
+    shifts = range(-half, half + 1)
     wider = np.any([np.roll(covered, shift, axis=1) for shift in shifts], axis=0)
     return np.all([np.roll(wider, shift, axis=1) for shift in shifts], axis=0)
 

@@ -13,14 +13,16 @@ def flat_faces(fit: CableFit, arc_deg: float) -> int | None:
     """How many flat faces explain the section better than a circle does; None where the circle is better.
 
     As many faces as there are quarters of a circle in the arc, two at least: the edge of a box, a bar, a ridge. They are
-    found by dynamic programming over the directions, each face the line of least squares through its points.
+    found by dynamic programming over the directions, each face the line of least squares through its points. What tapers is
+    brought to one size first: the mean section of a long stem is neither round nor flat.
 
     Args:
         fit: The fit of axis and radius.
         arc_deg: Circumference seen.
     """
     near = np.abs(fit.residual_mm) < CLEAR * fit.noise_mm
-    u, v = fit.place.u[near], fit.place.v[near]
+    scale = _evened(fit)[near]
+    u, v = fit.place.u[near] * scale, fit.place.v[near] * scale
     bins = bins_of(np.arctan2(v, u))
     width = int(360 / BIN_DEG)
     seen = np.bincount(bins, minlength=width) > 0
@@ -32,7 +34,16 @@ def flat_faces(fit: CableFit, arc_deg: float) -> int | None:
     least = _line_sums(sums)[0]
     for _ in range(faces - 1):
         least = np.min(least[:, None] + _line_sums(sums), axis=0)
-    return faces if least[-1] < float(np.sum(fit.residual_mm[near] ** 2)) else None
+    return faces if least[-1] < float(np.sum((np.hypot(u, v) - fit.radius_mm) ** 2)) else None
+
+
+def _evened(fit: CableFit) -> Float[np.ndarray, " n"]:
+    """The radius over that of a straight taper at each point; 1 where the taper is none, or would come to a point."""
+    weight, along = fit.weight / fit.weight.sum(), fit.place.s
+    off_along, off = along - weight @ along, fit.residual_mm - weight @ fit.residual_mm
+    slope = float((weight * off_along) @ off / max(weight @ off_along**2, 1e-12))
+    there = fit.radius_mm + slope * off_along
+    return fit.radius_mm / there if there.min() > 0.5 * fit.radius_mm else np.ones_like(along)
 
 
 def _after_the_widest_gap(seen: Bool[np.ndarray, " bins"]) -> int:

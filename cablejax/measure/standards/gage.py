@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import f as f_distribution
+from scipy.special import fdtrc
 
 POOLING = 0.25  # probability above which the interaction is taken for repeatability
 CATEGORIES = 1.41  # of AIAG: the square root of 2, as it prints it
@@ -125,7 +125,7 @@ def _components(values: np.ndarray) -> tuple[float, float, float, float, float |
     mean = [square / free if free else 0.0 for square, free in zip(squares, freedom, strict=True)]
     chance = None
     if freedom[2] and mean[3] > 0:
-        chance = float(f_distribution.sf(mean[2] / mean[3], freedom[2], freedom[3]))
+        chance = float(fdtrc(freedom[2], freedom[3], mean[2] / mean[3]))
     if not freedom[2] or (chance is not None and chance > POOLING):
         repeat = (squares[2] + squares[3]) / (freedom[2] + freedom[3])
         return repeat, 0.0, *_main(mean, repeat, (p, o, t)), chance

@@ -4,7 +4,6 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from scipy.optimize import linprog
 
 MOST_STEPS = 50
 SETTLED = 1e-10  # of the radius, by which a centre still moves
@@ -98,6 +97,8 @@ def _extreme(
 
     Linear programs in the centre and the radii, each about the centre of the last.
     """
+    from scipy.optimize import linprog  # half a second, for cables seen all round alone
+
     low = high = 0.0
     for _ in range(MOST_STEPS):
         offset = points - centre

@@ -1,7 +1,7 @@
 """Programs that are traced once on a machine, and not in each process that runs them.
 
-Tracing and lowering the kernels of a tile takes 7 s in each process, reading what another process has kept 0.5 s.
-What is kept is the portable form of `jax.export`, beside the compiled programs, and gives the same numbers bit for bit.
+Tracing and lowering a filter takes 5 to 8 s in each process, reading what another process has kept 0.5 s. What is kept is
+the portable form of `jax.export`, beside the compiled programs, and gives the same numbers bit for bit.
 """
 
 import functools
@@ -22,8 +22,8 @@ class Traced:
     """A jitted function of arrays whose trace is kept, where jax keeps compiled programs and flatbuffers is installed.
 
     Args:
-        function: Under `jax.jit`, with static arguments by keyword. NamedTuples that it takes or gives must be known to
-            `jax.export` (`register_namedtuple_serialization`).
+        function: Under `jax.jit`, with static arguments by keyword. What it takes may be any tree of arrays; NamedTuples
+            that it gives must be known to `jax.export` (`register_namedtuple_serialization`).
     """
 
     def __init__(self, function: Any):
@@ -36,31 +36,39 @@ class Traced:
         store = _store()
         if store is None:
             return self._function(*arrays, **static)
-        return self._program(store, arrays, static)(*arrays)
+        leaves, tree = jax.tree.flatten(arrays)
+        return self._program(store, leaves, tree, static)(*leaves)
 
     def load(self, *arrays: Any, **static: Any) -> None:
         """Have the program for such arguments ready, read or compiled and not run."""
         store = _store()
         if store is not None:
-            self._program(store, arrays, static)
+            self._program(store, *jax.tree.flatten(arrays), static)
 
-    def _program(self, store: ProgramStore, arrays: Any, static: dict[str, Any]) -> Callable[..., Any]:
-        key = self._key(arrays, static)
+    def _program(self, store: ProgramStore, leaves: Any, tree: Any, static: dict[str, Any]) -> Callable[..., Any]:
+        key = self._key(leaves, tree, static)
         if key not in self._programs:
-            self._programs[key] = jax.jit(self._exported(store, key, arrays, static).call).lower(*arrays).compile()
+            called = self._exported(store, key, leaves, tree, static).call
+            self._programs[key] = jax.jit(called).lower(*leaves).compile()
         return self._programs[key]
 
-    def _key(self, arrays: Any, static: dict[str, Any]) -> str:
+    def _key(self, leaves: Any, tree: Any, static: dict[str, Any]) -> str:
         """What a trace depends on: the sources, jax, the kind of device, the arguments' shapes and the static ones."""
-        shapes = jax.tree.map(lambda array: (array.shape, str(array.dtype)), arrays)
+        shapes = [(str(jax.typeof(leaf)), getattr(jax.typeof(leaf), "weak_type", False)) for leaf in leaves]
         name = f"{self._function.__module__}.{self._function.__name__}"
-        about = (name, _sources(), jax.__version__, jax.default_backend(), shapes, sorted(static.items()))
+        about = (name, _sources(), jax.__version__, jax.default_backend(), str(tree), shapes, sorted(static.items()))
         return f"trace {about}"
 
-    def _exported(self, store: ProgramStore, key: str, arrays: Any, static: dict[str, Any]) -> export.Exported:
+    def _exported(
+        self, store: ProgramStore, key: str, leaves: Any, tree: Any, static: dict[str, Any]
+    ) -> export.Exported:
         kept = store.get(key)
         if kept is None:
-            kept = bytes(export.export(self._function)(*arrays, **static).serialize())
+
+            def flat(*leaves: Any) -> Any:
+                return self._function(*jax.tree.unflatten(tree, leaves), **static)
+
+            kept = bytes(export.export(jax.jit(flat))(*leaves).serialize())
             store.put(key, kept)
         return export.deserialize(bytearray(kept))
 

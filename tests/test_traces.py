@@ -8,11 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-import cablejax.tiles.traces
+import cablejax.traces
 from cablejax import PointCloud
 from cablejax.io import write_points
 from cablejax.tiles import Settings, denoise_file, kernels, work
-from cablejax.tiles.traces import Traced
+from cablejax.traces import Traced
 from tests.reference.circles import bent_cable
 
 pytest.importorskip("flatbuffers")
@@ -58,7 +58,7 @@ def test_what_may_be_another_program_is_traced_anew(kept, monkeypatch, change):
     Traced(plus)(x, x)
     match change:
         case "sources":
-            monkeypatch.setattr(cablejax.tiles.traces, "_sources", lambda: "other code")
+            monkeypatch.setattr(cablejax.traces, "_sources", lambda: "other code")
         case "jax":
             monkeypatch.setattr(jax, "__version__", "99")
         case "damage":
