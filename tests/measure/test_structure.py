@@ -154,10 +154,11 @@ def test_a_thin_stretch_is_no_end_and_a_dense_gap_is(seed):
     """Gaps around the circumference count as chance where points are few, and as gaps where they are many."""
     rng = np.random.default_rng(seed)
     dense, thin = (np.stack([rng.uniform(0, 100, n), rng.uniform(0, 2 * np.pi, n)]) for n in (6000, 500))
-    along, angle = np.concatenate([dense, thin + [[100.0], [0.0]]], axis=1)
+    beyond = np.array([[100.0], [0.0]])
+    along, angle = np.concatenate([dense, thin + beyond], axis=1)
     assert extent(along, angle, radius_mm=RADIUS)[1] > 190
     open_ = np.degrees(dense[1]) % 60 < 32  # strips with 28 degrees between them: half of the circumference
-    along, angle = np.concatenate([dense, dense[:, open_] + [[100.0], [0.0]]], axis=1)
+    along, angle = np.concatenate([dense, dense[:, open_] + beyond], axis=1)
     assert extent(along, angle, radius_mm=RADIUS)[1] == pytest.approx(100, abs=0.5 * RADIUS)
 
 
