@@ -18,6 +18,7 @@ ALLOWED = {
     "__init__": {"types", "jax_sums", "programs"},
     "jax_sums": set(),
     "compiled": set(),
+    "traces": {"compiled"},
     "optional": set(),
     "runtime": {"jax_sums", "compiled"},
     "types": {"jax_sums", "programs"},
@@ -26,14 +27,14 @@ ALLOWED = {
     "geometry": set(),
     "registration": {"types", "ops", "geometry"},
     "measure": {"types", "ops", "geometry"},
-    "simulate": {"types", "ops"},
+    "simulate": {"types", "ops", "traces"},
     "nets": {"types", "ops"},
     "train": {"types", "ops", "geometry", "registration", "measure", "simulate", "nets", "io"},
     "io": {"types", "optional"},
     "report": {"types", "optional", "geometry"},
     "batch": {"types", "io", "optional", "runtime"},
     "export": {"types", "io", "geometry", "measure", "report", "optional"},
-    "tiles": {"types", "ops", "io", "batch", "compiled"},
+    "tiles": {"types", "ops", "io", "batch", "traces"},
     "app": {"io", "measure", "report", "export", "batch"},
     "cli": {
         "app",
@@ -50,7 +51,7 @@ ALLOWED = {
         "batch",
         "export",
     }
-    | {"optional", "runtime", "jax_sums"},
+    | {"optional", "runtime", "jax_sums", "traces"},
 }
 EXPERIMENTS = {
     "harness": set(),

@@ -12,6 +12,7 @@ from cablejax.measure.fit.full import Fitted, fit_track
 from cablejax.measure.fit.least_squares import CableFit
 from cablejax.measure.messages import (
     arc_too_small,
+    made_of_smaller,
     no_surface,
     not_round,
     not_sought,
@@ -22,6 +23,7 @@ from cablejax.measure.messages import (
 from cablejax.measure.scan import Scan
 from cablejax.measure.settings import MeasureSettings
 from cablejax.measure.shape.faces import flat_faces
+from cablejax.measure.shape.facing import faces_elsewhere
 from cablejax.measure.shape.sections import Sections, arc_seen, cut
 from cablejax.measure.shape.walls import Walls, filled, two_walls
 from cablejax.measure.steps import step_across, too_coarse
@@ -100,6 +102,8 @@ def accepted(scan: Scan, track: Track, find: Find, settings: MeasureSettings) ->
         raise not_round(faces, 2 * fit.radius_mm)
     if filled(scan.xyz, fit) is not None:
         raise no_surface(2 * fit.radius_mm)
+    if faces_elsewhere(scan.xyz, fit) is not None:
+        raise made_of_smaller(2 * fit.radius_mm)
     return Accepted(scan, fitted, sections, arc, other, step)
 
 

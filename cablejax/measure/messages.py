@@ -153,6 +153,14 @@ def no_surface(diameter_mm: float) -> MeasureError:
     )
 
 
+def made_of_smaller(diameter_mm: float) -> MeasureError:
+    """The error for points near a cylinder whose normals are not the cylinder's."""
+    return NoCableError(
+        f"No cable found: what is roundest, some {diameter_mm:.3g} mm across, is made of smaller things: its points face elsewhere "
+        "than those of a cylinder. Cut the scan closer to one cable, or say how thick it is."
+    )
+
+
 def not_sought(diameter_mm: float, limits_mm: tuple[float, float]) -> MeasureError:
     """The error for a thing that is thinner or thicker than what is sought."""
     return NoCableError(

@@ -22,7 +22,7 @@ def coordinate_steps(xyz: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, "3"]:
 
     Example:
         >>> x = np.arange(60.0)
-        >>> coordinate_steps(np.stack([x % 7 * 2.5, np.sqrt(x), x // 10], axis=1)).tolist()
+        >>> coordinate_steps(np.stack([x % 7 * 2.5, np.sqrt(x), x // 10], axis=1)).round(3).tolist()
         [2.5, 0.0, 1.0]
     """
     return np.array([_step(column) for column in xyz.T])

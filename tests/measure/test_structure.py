@@ -54,11 +54,11 @@ def test_a_square_bar_is_four_faces():
     assert flat_faces(fitted(xyz), 360.0) == 4
 
 
-@pytest.mark.parametrize("arc_deg", [200.0, 280.0, 360.0])
+@pytest.mark.parametrize("arc_deg", [240.0, 320.0])
 def test_what_tapers_is_brought_to_one_size_first(arc_deg):
-    """A stem from half as wide again to half as wide: about its mean radius it scatters as a triangle does."""
+    """A stem that tapers to half its width: about its mean radius it scatters as a triangle does."""
     xyz = cylinder(arc_deg, noise=0.5, n=8000)
-    xyz[:, 1:] *= 1.45 - 0.9 * xyz[:, :1] / LENGTH
+    xyz[:, 1:] *= 1.35 - 0.7 * xyz[:, :1] / LENGTH
     assert flat_faces(fitted(xyz), arc_deg) is None
     rng = np.random.default_rng(3)
     side, across = rng.integers(4, size=8000), rng.uniform(-13, 13, 8000)
