@@ -156,8 +156,8 @@ def no_surface(diameter_mm: float) -> MeasureError:
 def made_of_smaller(diameter_mm: float) -> MeasureError:
     """The error for points near a cylinder whose normals are not the cylinder's."""
     return NoCableError(
-        f"No cable found: what is roundest, some {diameter_mm:.3g} mm across, is made of smaller things: its points face elsewhere "
-        "than those of a cylinder. Cut the scan closer to one cable, or say how thick it is."
+        f"No cable found: what is roundest, some {diameter_mm:.3g} mm across, is made of smaller things: its points face "
+        "elsewhere than those of a cylinder. Cut the scan closer to one cable, or say how thick it is."
     )
 
 
