@@ -98,6 +98,8 @@ def test_works_without_a_display(tmp_path):
     code = """
 import sys
 import numpy as np
+import cablejax
+cablejax.ensure_right_sums()  # else jax 0.10.2 to 0.12 would be warned of
 from cablejax.io import RunLogger
 with RunLogger(sys.argv[1]) as log:
     log.confusion("c", np.eye(2), ["a", "b"], 0)
