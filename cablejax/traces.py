@@ -7,6 +7,7 @@ the portable form of `jax.export`, beside the compiled programs, and gives the s
 import functools
 import hashlib
 import importlib.util
+import weakref
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,9 @@ from jax import export
 
 import cablejax
 from cablejax.compiled import ProgramStore, trace_store
+from cablejax.programs import make_room
+
+_ALL: "weakref.WeakSet[Traced]" = weakref.WeakSet()
 
 
 class Traced:
@@ -30,6 +34,7 @@ class Traced:
         functools.update_wrapper(self, function)
         self._function: Any = function
         self._programs: dict[str, Callable[..., Any]] = {}
+        _ALL.add(self)
 
     def __call__(self, *arrays: Any, **static: Any) -> Any:
         """The function's result."""
@@ -48,6 +53,9 @@ class Traced:
     def _program(self, store: ProgramStore, leaves: Any, tree: Any, static: dict[str, Any]) -> Callable[..., Any]:
         key = self._key(leaves, tree, static)
         if key not in self._programs:
+            if make_room():  # what is held here is none of the caches that it empties
+                for each in _ALL:
+                    each._programs.clear()
             called = self._exported(store, key, leaves, tree, static).call
             self._programs[key] = jax.jit(called).lower(*leaves).compile()
         return self._programs[key]

@@ -18,7 +18,7 @@ ALLOWED = {
     "__init__": {"types", "jax_sums", "programs"},
     "jax_sums": set(),
     "compiled": set(),
-    "traces": {"compiled"},
+    "traces": {"compiled", "programs"},
     "optional": set(),
     "runtime": {"jax_sums", "compiled"},
     "types": {"jax_sums", "programs"},

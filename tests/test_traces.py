@@ -80,6 +80,17 @@ def test_without_a_place_or_a_package_all_is_traced(kept, monkeypatch, without):
     assert (len(times), kept.exists()) == (1, False)
 
 
+def test_programs_are_let_go_where_room_runs_out(kept, monkeypatch):
+    """A loop over scans of many sizes would hold the programs of all, and XLA aborts when the memory maps run out."""
+    one, other = Traced(counted()[0]), Traced(counted()[0])
+    for traced in (one, other):
+        traced(jnp.arange(3.0), jnp.arange(3.0))
+    assert (len(one._programs), len(other._programs)) == (1, 1)
+    monkeypatch.setattr(cablejax.traces, "make_room", lambda: True)
+    one(jnp.arange(4.0), jnp.arange(4.0))
+    assert (len(one._programs), len(other._programs)) == (1, 0)
+
+
 def test_a_tile_has_the_same_bits_traced_and_read(kept):
     cloud = PointCloud.from_xyz(bent_cable(n=900).astype(np.float32), capacity=1024)
     direct = kernels.scores._function(cloud, removal_k=8)
