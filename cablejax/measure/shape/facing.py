@@ -11,7 +11,7 @@ WIDE = 0.5  # radii that a normal's neighbours may reach
 DETERMINED = 4.0  # times the scatter about their plane that they must reach, for the normal to be more than noise
 AROUND = 1.6  # radii about the axis that neighbours come from
 NEAR = 2.5  # standard deviations from the surface within which a point's normal counts
-OUTWARD = 0.82  # median cosine; scans of cans, motors and stems .88 to 1.00, what passed for a cylinder in a heap of pins .55 to .68
+OUTWARD = 0.82  # median cosine; scans of cans, motors and stems .88 to 1.00, a heap of pins .55 to .68
 
 
 def faces_elsewhere(xyz: Float[np.ndarray, "n 3"], fit: CableFit) -> float | None:
