@@ -12,7 +12,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from cablejax.ops.neighbors.metric import gap
-from cablejax.ops.neighbors.select import LARGEST, WORD, columns, narrow, selected
+from cablejax.ops.neighbors.select import LARGEST, WORD, apart, columns, narrow, selected
 from cablejax.ops.neighbors.tree import SPLIT, Boxes, Tree
 from cablejax.ops.varying import varying_like
 
@@ -49,12 +49,13 @@ def descend(
     near: Near,
     boxes: Boxes,
     *,
-    levels: tuple[int, int],
+    levels: tuple[int | Array, int | Array],
     most: int,
     in_order: Bool[Array, " b"],
     reach: Float[Array, " b"],
     start: Int[Array, " b"],
     beyond: Float[Array, " b"] | None = None,
+    patience: int | Int[Array, ""] = 0,
 ) -> Near:
     """Go down from the nodes of one level to those of another.
 
@@ -62,17 +63,19 @@ def descend(
         tree: The points searched.
         near: Nodes of the level where to begin.
         boxes: Where to search `[3, b]`; empty boxes find nothing.
-        levels: The level of `near` and the level where to stop. Static.
-        most: Nodes kept of the last level, no more than `near` has room for. Static.
+        levels: The level of `near` and the level where to stop.
+        most: Leaves kept, no more than `near` has room for; as many as that of any other level. Static.
         in_order: Whether a box takes its nodes in order, from leaf `start` on, within `reach`; nearest first if not `[b]`.
         reach: Squared distance within which leaves are wanted, in order `[b]`.
         start: First leaf that is wanted, in order `[b]`.
-        beyond: Squared distance beyond which nodes are wanted, nearest first `[b]`; all are if None.
+        beyond: Squared distance beyond which leaves are wanted, nearest first `[b]`; all are if None.
+        patience: So many boxes may get fewer nodes than they could where a longer search would find more.
 
     Returns:
         Nodes of the last level. Nearest first: all of them, or up to a sixth fewer than `most`.
     """
     sizes, width = tree.level_sizes(), near.node.shape[1]
+    leaves = len(sizes) - 1
     offset = jnp.asarray(np.cumsum([0, *sizes[:-1]]), dtype=jnp.int32)
     span = jnp.asarray([SPLIT ** (len(sizes) - 1 - i) for i in range(len(sizes))], dtype=jnp.int32)
     guess = jnp.maximum(1e-30, jnp.square(jnp.max(boxes.sides(), axis=0)))
@@ -81,16 +84,16 @@ def descend(
 
     def down(level: Array, near: Near) -> Near:
         level = level.astype(jnp.int32) + 1
-        keep = jnp.where(level == levels[1], most, width).astype(jnp.int32)
+        keep = jnp.where(level == leaves, most, width).astype(jnp.int32)
         child = near.node[:, :, None] * SPLIT + numbers
         child = jnp.where(near.node[:, :, None] >= 0, child, -1).reshape(near.node.shape[0], -1)
         child = jnp.pad(child, ((0, 0), (0, -child.shape[1] % WORD)), constant_values=-1)
-        score = _gaps(tree, offset[level], child, boxes)
-        wanted = (child + 1) * span[level] > start[:, None]
-        unwanted = in_order[:, None] & ~wanted
-        if beyond is not None:
-            unwanted |= ~in_order[:, None] & (score <= beyond[:, None])
-        score = jnp.where(unwanted, jnp.inf, score).reshape(child.shape[0], -1, WORD)
+        lowest = jnp.where(in_order, start // span[level], 0)
+        nearer = jnp.full_like(reach, -1.0) if beyond is None else jnp.where(in_order | (level < leaves), -1.0, beyond)
+        at = jnp.where(child >= lowest[:, None], child + offset[level], -1)
+        sure = jnp.all(near.resume >= 0)
+        score = apart(_gaps, sure, tree.boxes, tree.box, at, boxes, nearer)
+        score = score.reshape(child.shape[0], -1, WORD)
         words = score.shape[1]
         found = narrow(
             lambda scores, i: scores[:, i, :],
@@ -100,7 +103,7 @@ def descend(
             most=keep,
             guess=guess,
             active=active,
-            patience=score.shape[0] // 16,
+            patience=patience,
         )
         # Without a threshold within the limits a lower one serves, unless too many nodes touch the box.
         bounded = found.complete | (found.value > 0)
@@ -120,13 +123,13 @@ def descend(
     return lax.fori_loop(levels[0], levels[1], down, varying_like(near, tree, boxes, reach, start))
 
 
-def _gaps(tree: Tree, offset: Array, child: Int[Array, "b c"], boxes: Boxes) -> Float[Array, "b c"]:
-    """Squared distance from each box to each of its candidate nodes; inf where there is no node or no box."""
-    total = jnp.where(child < 0, jnp.inf, jnp.zeros(child.shape, dtype=jnp.float32))
-    at = jnp.maximum(child, 0) + offset
-    for axis in range(len(tree.xyz)):
-        low = tree.boxes.lower[axis].at[at].get(mode="promise_in_bounds")
-        high = tree.boxes.upper[axis].at[at].get(mode="promise_in_bounds")
+def _gaps(
+    nodes: Boxes, period: Float[Array, " a"] | None, at: Int[Array, "b c"], boxes: Boxes, beyond: Float[Array, " b"]
+) -> Float[Array, "b c"]:
+    """Squared distance from each box to the nodes at the given places; inf where there is none or none beyond a distance."""
+    total = jnp.where(at < 0, jnp.inf, jnp.zeros(at.shape, dtype=jnp.float32))
+    for axis in range(len(nodes.lower)):
+        low, high = (side[axis].at[jnp.maximum(at, 0)].get(mode="promise_in_bounds") for side in nodes)
         own_low, own_high = (side[axis][:, None] for side in boxes)
-        total = total + jnp.square(gap(low, high, own_low, own_high, None if tree.box is None else tree.box[axis]))
-    return jnp.where(total <= LARGEST, total, jnp.inf)
+        total = total + jnp.square(gap(low, high, own_low, own_high, None if period is None else period[axis]))
+    return jnp.where((total <= LARGEST) & (total > beyond[:, None]), total, jnp.inf)

@@ -1,13 +1,16 @@
 """Exact search over a tree by one loop: blocks of 8 queries share their candidate leaves, and every query is proven.
 
-A pool of blocks takes a round at a time, and whoever is done makes room for the next in the queue:
+A pool takes a round at a time, and whoever is done makes room for the next in the queue:
 
-1. First the blocks take part. In every round a block looks at the few leaves that are nearest to it and that it has not
-   seen, among those near the group of eight blocks to which it belongs. A query whose k-th neighbour is nearer than every
-   leaf left out is proven, as most are after one round.
+0. First groups of eight blocks go down the tree, to the nodes one level above the leaves that are nearest to them.
+1. Then the blocks take part. In every round a block looks at the few leaves that are nearest to it and that it has not
+   seen, among those below the nodes of its group. A query whose k-th neighbour is nearer than every leaf left out is
+   proven, as most are after one round.
 2. The queries that a few rounds do not serve, and the strays, queue up again one by one. Each goes down the tree on its own
    to the leaves nearest to it. If that proves nothing it knows how far its k neighbours reach, and looks at all leaves
    within that reach in their order, a handful a round, until none is left. So nothing is compared with every point.
+
+All three phases are turns of one loop over one body, as a program costs by its length before it is of any use.
 """
 
 from collections.abc import Callable
@@ -21,24 +24,27 @@ from jaxtyping import Array, Bool, Float, Int
 
 from cablejax.ops.neighbors.descent import Near, descend, root
 from cablejax.ops.neighbors.rank import Ranked, choose, gather, rank, slots_for
-from cablejax.ops.neighbors.select import LARGEST
+from cablejax.ops.neighbors.select import LARGEST, true_places
 from cablejax.ops.neighbors.tree import FIRST, LEAF, SPLIT, Boxes, Tree
 from cablejax.ops.varying import varying_like
 
-POOL = 512  # blocks searched at once: their candidates stay in the cache
+POOL = 256  # groups, blocks or queries searched at once: what they carry stays in the cache, and few wait for the last
 SURE = 1.0 - 1e-6  # below this share of a bound, rounding does not matter
+HASTE = 16  # one group or block in so many may meet fewer leaves than it could
 SLOW = 256  # one query in so many may be left to be searched alone where its threshold takes long to find
 FEW = 32  # neighbours up to which more leaves are looked at
 ROUNDS = 6  # of a block, before its queries are searched one by one
+GROUPS, BLOCKS, ALONE = range(3)  # phases
 
 Finish = Callable[[Ranked], tuple[Array, ...]]
 
 
 class _Pool(NamedTuple):
-    """Blocks at work.
+    """Groups, blocks or single queries at work.
 
     Attributes:
-        place: Places of the queries among the targets `[b, 8]`.
+        number: Which of them, in the numbering of the phase `[b]`.
+        place: Places of the queries among the targets `[b, 8]`; those of a group are not looked at.
         there: Where there are queries `[b, 8]`.
         todo: Queries that are not proven `[b, 8]`.
         round: Rounds done `[b]`.
@@ -49,6 +55,7 @@ class _Pool(NamedTuple):
         sq_dist: Their squared distances.
     """
 
+    number: Int[Array, " b"]
     place: Int[Array, "b 8"]
     there: Bool[Array, "b 8"]
     todo: Bool[Array, "b 8"]
@@ -64,18 +71,20 @@ class _State(NamedTuple):
     """What the loop carries.
 
     Attributes:
-        alone: Whether queries are searched one by one.
-        queue: Blocks, or places, still to be searched `[places]`.
+        phase: GROUPS, BLOCKS or ALONE.
+        queue: Numbers of the groups or blocks, or places, still to be searched `[places]`.
         waiting: The first of the queue that has not been taken, and the number in it.
-        pool: Blocks at work.
+        pool: Those at work.
+        groups: Nodes one level above the leaves near each group, as far as they are known `[groups]`.
         proven: Places that are done `[places]`.
         outputs: What is returned.
     """
 
-    alone: Bool[Array, ""]
+    phase: Int[Array, ""]
     queue: Int[Array, " places"]
     waiting: tuple[Int[Array, ""], Int[Array, ""]]
     pool: _Pool
+    groups: Near
     proven: Bool[Array, " places"]
     outputs: tuple[Array, ...]
 
@@ -94,43 +103,57 @@ def search(tree: Tree, targets: Tree, queries: int, *, k: int, include_self: boo
     Returns:
         What `finish` makes, in the order of the queries' rows `[queries, ...]`; zeros for rows that are not in `targets`.
     """
-    groups = _near_groups(tree, targets, max(FIRST, share_for(k)))
-    pool = min(POOL, targets.row.shape[0])
+    boxes, pool = _group_boxes(targets), min(POOL, targets.row.shape[0])
+    xyz, rows = targets.xyz.reshape(len(targets.xyz), -1), targets.row.reshape(-1)
 
     def busy(state: _State) -> Array:
         (first, count), at_work = state.waiting, jnp.any(state.pool.todo, axis=1)
         # The last few blocks would keep an almost empty pool going: they are searched alone as well.
-        enough = jnp.where(state.alone, 0, pool // 8)
+        enough = jnp.where(state.phase == BLOCKS, pool // 8, 0)
         return (first < count) | (jnp.sum(at_work, dtype=jnp.int32) > enough)
 
     def once(state: _State) -> _State:
         state = _refill(targets, state)
-        before = state.pool.todo
-        xyz = targets.xyz.reshape(len(targets.xyz), -1)[:, state.pool.place]
-        row = targets.row.reshape(-1)[state.pool.place]
-        own = jnp.full_like(row, -1) if include_self else row
-        pool, ranked, proven = _round(tree, state.pool, xyz, own, state.alone, groups, k)
-        put = jnp.where(proven, row, queries).reshape(-1)
+        pool, group = (
+            state.pool,
+            jax.tree.map(lambda each: each[state.pool.place[:, 0] // (LEAF * SPLIT)], state.groups),
+        )
+        own = _Own(xyz[:, pool.place], rows[pool.place], state.phase, Boxes(*(side[:, pool.number] for side in boxes)))
+        near = _down(tree, pool, own, group, share_for(k))
+
+        def keep(pool: _Pool) -> tuple[_Pool, Ranked, Array]:
+            nobody = jnp.zeros_like(pool.todo)
+            return varying_like((pool._replace(todo=nobody), _nothing(nobody.size, k), nobody), state)
+
+        def look(pool: _Pool) -> tuple[_Pool, Ranked, Array]:
+            return varying_like(_round(tree, pool, own, near, group.bound, include_self=include_self, k=k), state)
+
+        after, ranked, proven = lax.cond(state.phase == GROUPS, keep, look, pool)
+        known = jnp.where((state.phase == GROUPS) & pool.todo[:, 0], pool.number, boxes.lower.shape[1])
+        groups = jax.tree.map(lambda old, new: old.at[known].set(new, mode="drop"), state.groups, near)
+        put = jnp.where(proven, own.row, queries).reshape(-1)
         outputs = tuple(
             old.at[put].set(new, mode="drop") for old, new in zip(state.outputs, finish(ranked), strict=True)
         )
-        done = jnp.where(before & proven, state.pool.place, state.proven.size).reshape(-1)
-        return state._replace(pool=pool, proven=state.proven.at[done].set(True, mode="drop"), outputs=outputs)
+        done = jnp.where(proven, pool.place, state.proven.size).reshape(-1)
+        proven = state.proven.at[done].set(True, mode="drop")
+        return state._replace(pool=after, groups=groups, proven=proven, outputs=outputs)
 
     shapes = jax.eval_shape(lambda: finish(_nothing(1, k)))
     outputs = tuple(jnp.zeros((queries, *s.shape[1:]), s.dtype) for s in shapes)
     none = jnp.zeros((pool, LEAF), jnp.int32)
     far, nothing = jnp.full(none.shape, LARGEST, dtype=jnp.float32), _nothing(pool * LEAF, k)
     beyond = jnp.full(pool, -1.0, dtype=jnp.float32)
-    idle = _Pool(none, none > 0, none > 0, none[:, 0], none[:, 0], beyond, far, nothing.row, nothing.sq_dist)
-    proven = targets.row.reshape(-1) < 0
-    empty = (jnp.int32(0), jnp.int32(0))
-    first = _State(jnp.bool_(True), jnp.zeros(proven.size, jnp.int32), empty, idle, proven, outputs)
+    zeros = none[:, 0]
+    idle = _Pool(zeros, none, none > 0, none > 0, zeros, zeros, beyond, far, nothing.row, nothing.sq_dist)
+    proven, empty = rows < 0, (jnp.int32(0), jnp.int32(0))
+    groups = root(tree, boxes.lower.shape[1], _width(k))
+    first = _State(jnp.int32(-1), jnp.zeros(proven.size, jnp.int32), empty, idle, groups, proven, outputs)
 
-    def both(turn: Array, state: _State) -> _State:
+    def phase(turn: Array, state: _State) -> _State:
         return lax.while_loop(busy, once, _line_up(targets, state))
 
-    return lax.fori_loop(0, 2, both, varying_like(first, tree, targets)).outputs
+    return lax.fori_loop(0, 3, phase, varying_like(first, tree, targets)).outputs
 
 
 def share_for(k: int) -> int:
@@ -144,55 +167,50 @@ def share_for(k: int) -> int:
     return 4 * round((2.2 if k <= FEW else 1.9) * across**2 / LEAF / 4)
 
 
-def _near_groups(tree: Tree, targets: Tree, width: int) -> Near:
-    """The nodes one level above the leaves that are near each group of eight leaves of targets."""
-    blocks = targets.row.shape[0]
-    groups = -(-blocks // SPLIT)
-    spare = ((0, 0), (0, groups * SPLIT - blocks))
+def _width(k: int) -> int:
+    """Nodes kept of the levels above the leaves."""
+    return max(FIRST, share_for(k))
+
+
+def _group_boxes(targets: Tree) -> Boxes:
+    """The boxes of the groups of eight leaves."""
+    leaves = targets.row.shape[0]
+    spare = ((0, 0), (0, -leaves % SPLIT))
     lower, upper = (
-        jnp.pad(side[:, -blocks:], spare, constant_values=edge).reshape(-1, groups, SPLIT)
+        jnp.pad(side[:, -leaves:], spare, constant_values=edge).reshape(len(side), -1, SPLIT)
         for side, edge in zip(targets.boxes, (jnp.inf, -jnp.inf), strict=True)
     )
-    return _above_leaves(tree, Boxes(lower.min(axis=2), upper.max(axis=2)), width)
-
-
-def _above_leaves(tree: Tree, boxes: Boxes, width: int, **how: Array) -> Near:
-    """Nodes one level above the leaves, nearest first unless told how."""
-    b = boxes.lower.shape[1]
-    nearest = {
-        "in_order": jnp.zeros(b, bool),
-        "reach": jnp.full(b, LARGEST, dtype=jnp.float32),
-        "start": jnp.zeros(b, jnp.int32),
-    }
-    levels = (0, len(tree.level_sizes()) - 2)
-    return descend(tree, root(tree, b, width), boxes, levels=levels, most=width, **(how or nearest))
+    return Boxes(lower.min(axis=2), upper.max(axis=2))
 
 
 def _line_up(targets: Tree, state: _State) -> _State:
-    """Who is searched next: first blocks without strays, then all queries that are left, one by one."""
-    left = ~state.proven
+    """Who is searched next: the groups, then blocks without strays, then all queries that are left, one by one."""
+    left, phase = ~state.proven, state.phase + 1
+    number = jnp.arange(left.size, dtype=jnp.int32)
     by_block = jnp.any(left.reshape(-1, LEAF), axis=1)
-    by_block &= jnp.arange(by_block.size, dtype=jnp.int32) < targets.first_stray_leaf()
-    alone = ~state.alone
-    wanted = jnp.where(alone, left, jnp.pad(by_block, (0, left.size - by_block.size)))
-    queue = jnp.nonzero(wanted, size=left.size, fill_value=0)[0].astype(jnp.int32)
+    by_block = jnp.pad(by_block, (0, left.size - by_block.size)) & (number < targets.first_stray_leaf())
+    by_group = number < state.groups.bound.size
+    wanted = jnp.where(phase == GROUPS, by_group, jnp.where(phase == BLOCKS, by_block, left))
     idle = state.pool._replace(todo=jnp.zeros_like(state.pool.todo))
-    return state._replace(
-        alone=alone, queue=queue, pool=idle, waiting=(jnp.zeros_like(queue[0]), jnp.sum(wanted, dtype=jnp.int32))
-    )
+    waiting = (jnp.zeros_like(phase), jnp.sum(wanted, dtype=jnp.int32))
+    return state._replace(phase=phase, queue=true_places(wanted), pool=idle, waiting=waiting)
 
 
 def _refill(targets: Tree, state: _State) -> _State:
-    """Give the places of idle blocks to the next in the queue."""
+    """Give the places of those who are done to the next in the queue."""
     pool, (first, count) = state.pool, state.waiting
     idle = ~jnp.any(pool.todo, axis=1)
     at = first + jnp.cumsum(idle, dtype=jnp.int32) - 1
     number = state.queue.at[at].get(mode="clip")
     lane = jnp.arange(LEAF, dtype=jnp.int32)[None, :]
-    place = jnp.where(state.alone, number[:, None], number[:, None] * LEAF + lane)
-    there = (at < count)[:, None] & (~state.alone | (lane == 0)) & (targets.row.reshape(-1)[place] >= 0)
+    grouped, alone = state.phase == GROUPS, state.phase == ALONE
+    place = number[:, None] * jnp.where(alone, 1, LEAF) + jnp.where(alone, 0, lane)
+    place = jnp.where(grouped, number[:, None] * 0, place)
+    there = (at < count)[:, None] & ((state.phase == BLOCKS) | (lane == 0))
+    there &= grouped | (targets.row.reshape(-1)[place] >= 0)
     new = idle[:, None]
     fresh = pool._replace(
+        number=jnp.where(idle, number, pool.number),
         place=jnp.where(new, place, pool.place),
         there=jnp.where(new, there, pool.there),
         todo=jnp.where(new, there, pool.todo),
@@ -205,29 +223,85 @@ def _refill(targets: Tree, state: _State) -> _State:
     return state._replace(pool=fresh, waiting=(taken, count))
 
 
-def _round(
-    tree: Tree, pool: _Pool, xyz: Float[Array, "a b 8"], own: Int[Array, "b 8"], alone: Array, groups: Near, k: int
-) -> tuple[_Pool, Ranked, Bool[Array, "b 8"]]:
-    """One round of all blocks: their candidates, and the queries that it proved."""
-    blocks, width, share = pool.place.shape[0], groups.node.shape[1], share_for(k)
-    # The box stays that of all queries, proven or not: were it smaller, a leaf that was seen would not lie below `beyond`.
-    boxes = _box(xyz, pool.there & jnp.any(pool.todo, axis=1, keepdims=True))
-    in_order = alone & (pool.round > 0)
+class _Own(NamedTuple):
+    """What those at work are themselves.
+
+    Attributes:
+        xyz: Coordinates of the queries `[a, b, 8]`.
+        row: Their rows `[b, 8]`.
+        phase: GROUPS, BLOCKS or ALONE.
+        group: Boxes of the groups at work `[a, b]`.
+    """
+
+    xyz: Float[Array, "a b 8"]
+    row: Int[Array, "b 8"]
+    phase: Int[Array, ""]
+    group: Boxes
+
+    def boxes(self, pool: _Pool) -> Boxes:
+        """Boxes of those at work; empty where nobody is.
+
+        A block's stays that of all its queries, proven or not: were it smaller, a leaf that was seen would not lie below
+        `beyond`.
+        """
+        at_work = jnp.any(pool.todo, axis=1)
+        there = (pool.there & at_work[:, None])[None]
+        lower, upper = (
+            fold(jnp.where(there, self.xyz, nowhere), axis=2)
+            for fold, nowhere in ((jnp.min, jnp.inf), (jnp.max, -jnp.inf))
+        )
+        grouped = at_work & (self.phase == GROUPS)
+        return Boxes(jnp.where(grouped, self.group.lower, lower), jnp.where(grouped, self.group.upper, upper))
+
+    def in_order(self, pool: _Pool) -> Bool[Array, " b"]:
+        """Who looks at leaves in their order."""
+        return (self.phase == ALONE) & (pool.round > 0)
+
+
+def _down(tree: Tree, pool: _Pool, own: _Own, group: Near, share: int) -> Near:
+    """Groups go down to the nodes above the leaves, blocks from there to the leaves, queries alone all the way."""
+    (b, width), leaves = group.node.shape, len(tree.level_sizes()) - 1
+    blocks, top = own.phase == BLOCKS, root(tree, b, width)
+    above = jax.tree.map(lambda known, top: jnp.where(blocks, known, top), group, top)
+    levels = (jnp.where(blocks, leaves - 1, 0), jnp.where(own.phase == GROUPS, leaves - 1, leaves))
     reach = jnp.max(jnp.where(pool.todo, pool.reach, 0.0), axis=1)
     reach = jnp.where(reach < LARGEST, reach * 1.00001, LARGEST)  # rounding cannot make it too short
-    how = {"in_order": in_order, "reach": reach, "start": pool.start}
-    above = lax.cond(
-        alone,
-        lambda: _above_leaves(tree, boxes, width, **how),
-        lambda: jax.tree.map(lambda each: each[pool.place[:, 0] // (LEAF * SPLIT)], groups),
+    return descend(
+        tree,
+        above,
+        own.boxes(pool),
+        levels=levels,
+        most=share,
+        in_order=own.in_order(pool),
+        reach=reach,
+        start=pool.start,
+        beyond=pool.beyond,
+        # A query alone that meets few leaves at first has to look at all leaves of a wide reach.
+        patience=jnp.where(own.phase == ALONE, 0, b // HASTE),
     )
-    levels = (len(tree.level_sizes()) - 2, len(tree.level_sizes()) - 1)
-    near = descend(tree, above, boxes, levels=levels, most=share, beyond=pool.beyond, **how)
+
+
+def _round(
+    tree: Tree,
+    pool: _Pool,
+    own: _Own,
+    near: Near,
+    known: Float[Array, " b"],
+    *,
+    include_self: bool,
+    k: int,
+) -> tuple[_Pool, Ranked, Bool[Array, "b 8"]]:
+    """One round of all blocks: their candidates, and the queries that it proved.
+
+    The leaves near them are in `near`, and their groups know all leaves nearer than `known`, squared.
+    """
+    blocks, alone, in_order = pool.place.shape[0], own.phase == ALONE, own.in_order(pool)
     sure = jnp.all(pool.round >= 0)
     fresh = pool.round <= alone.astype(jnp.int32)
     old = jnp.where(jnp.repeat(fresh, LEAF)[:, None], jnp.inf, pool.sq_dist)
-    candidates = gather(tree, near.node[:, :share], pool.row, old, xyz, own, sure)
-    guess = jnp.where(pool.reach < LARGEST, pool.reach, _expected(boxes, k)[:, None])
+    skip = jnp.full_like(own.row, -1) if include_self else own.row
+    candidates = gather(tree, near.node[:, : share_for(k)], pool.row, old, own.xyz, skip, sure)
+    guess = jnp.where(pool.reach < LARGEST, pool.reach, _expected(own.boxes(pool), k)[:, None])
     guess = jnp.maximum(guess, 1e-30)
     patience = jnp.where(alone, 0, blocks * LEAF // SLOW)
     ranked, last, answered = choose(candidates, guess, k=k, active=pool.todo, patience=patience, sure=sure)
@@ -237,7 +311,7 @@ def _round(
     todo = pool.todo & answered & ~proven  # who got no answer is searched alone
     reach = jnp.where(pool.todo, jnp.minimum(pool.reach, last), pool.reach)
     # A block is given up, and its queries searched alone, where it has seen all leaves that its group knows.
-    far = near.bound >= above.bound
+    far = near.bound >= known
     given_up = ~alone & (far | (near.bound <= 0.0) | (pool.round >= ROUNDS))
     start = jnp.where(in_order, near.resume, 0)
     after = pool._replace(
@@ -256,12 +330,6 @@ def _nothing(q: int, k: int) -> Ranked:
     """No candidates."""
     shape = (q, slots_for(k))
     return rank(jnp.full(shape, -1, dtype=jnp.int32), jnp.full(shape, jnp.inf, dtype=jnp.float32))
-
-
-def _box(xyz: Float[Array, "a b 8"], there: Bool[Array, "b 8"]) -> Boxes:
-    """Boxes of the queries that are there."""
-    lower = jnp.min(jnp.where(there[None], xyz, jnp.inf), axis=2)
-    return Boxes(lower, jnp.max(jnp.where(there[None], xyz, -jnp.inf), axis=2))
 
 
 def _expected(boxes: Boxes, k: int) -> Float[Array, " b"]:

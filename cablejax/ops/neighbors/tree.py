@@ -16,6 +16,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int, UInt
 
+from cablejax.ops.neighbors.select import true_places
 from cablejax.ops.varying import varying_like
 
 LEAF = 8  # points per leaf: four leaves fill a word of 32 candidates
@@ -84,7 +85,7 @@ def build(xyz: Float[Array, "n 3"], valid: Bool[Array, " n"]) -> Tree:
     points, rows = points.reshape(3, -1, LEAF), rows.reshape(-1, LEAF)
     stray = _strays(points, rows >= 0)
     few = SPLIT**depth * LEAF
-    place = jnp.nonzero(stray.reshape(-1), size=few, fill_value=size)[0].astype(jnp.int32)
+    place = true_places(stray.reshape(-1), few)
     stray_rows = rows.reshape(-1).at[place].get(mode="fill", fill_value=-1)
     stray_points = points.reshape(3, -1).at[:, place].get(mode="fill", fill_value=0.0)
     rows = rows.reshape(-1).at[place].set(-1, mode="drop").reshape(-1, LEAF)
