@@ -22,9 +22,9 @@ from cablejax.cli import (
 from cablejax.cli.arguments import add_output
 from cablejax.cli.errors import NoResultError
 from cablejax.cli.streams import put_out, settle_streams, tell, warn_plainly
-from cablejax.jax_sums import WrongSumsError, check_sums
+from cablejax.jax_sums import WrongSumsError
 from cablejax.optional import MissingPackageError
-from cablejax.runtime import set_up_jax
+from cablejax.runtime import set_up_jax_when_used
 
 EXIT_OK, EXIT_NO_RESULT = 0, 1
 INTERRUPTED = 130
@@ -77,9 +77,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with warnings.catch_warnings():
         warnings.showwarning = warn_plainly
         try:
-            if options.command not in ("completion", "schema"):
-                set_up_jax()
-                check_sums()
+            set_up_jax_when_used()
             module = COMMANDS[options.command]
             result = module.run(options)
             text = schema.as_json(options.command, result) if options.json else module.table(result)

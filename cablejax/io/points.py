@@ -5,6 +5,7 @@ import warnings
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float, Num
@@ -12,7 +13,9 @@ from jaxtyping import Float, Num
 from cablejax.io.columns import named_columns
 from cablejax.io.raw import UNITS_MM, BadFile, RawCloud, join
 from cablejax.io.sources import as_point_file_error, pieces
-from cablejax.types import PointCloud
+
+if TYPE_CHECKING:
+    from cablejax.types import PointCloud
 
 # Scanners mark a missing return with NaN, infinity, or the largest float; no cable is a light minute away.
 LARGEST_MM = 1e15
@@ -42,11 +45,13 @@ class PointFile:
     path: Path
     stated_unit: str | None = None
 
-    def cloud(self) -> PointCloud:
+    def cloud(self) -> "PointCloud":
         """The points less `shift_mm`, as float32: near zero float32 is exact to a fraction of a micrometre.
 
         Padded as `PointCloud.from_xyz` does by default.
         """
+        from cablejax.types import PointCloud
+
         return PointCloud.from_xyz(self.xyz_mm - self.shift_mm)
 
 

@@ -8,11 +8,11 @@ import math
 import os
 import platform
 import subprocess
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
-import jax
 import numpy as np
 
 from cablejax.io.atomic import atomic_write
@@ -40,6 +40,8 @@ def provenance(*, seeds: int | Sequence[int] | Mapping[str, int], config: Any = 
         >>> provenance(seeds=[0, 1])["seeds"]
         [0, 1]
     """
+    import jax
+
     device = jax.devices()[0]
     return {
         "git": git_state(),
@@ -117,11 +119,17 @@ def jsonable(value: Any) -> Any:
         return {name: jsonable(getattr(value, name)) for name in names}
     if isinstance(value, list | tuple | set | frozenset):
         return [jsonable(item) for item in (sorted(value) if isinstance(value, set | frozenset) else value)]
-    if isinstance(value, jax.Array | np.ndarray | np.generic):
+    if isinstance(value, np.ndarray | np.generic) or _is_jax_array(value):
         return jsonable(np.asarray(value).tolist())
     if isinstance(value, os.PathLike):
         return os.fspath(value)
     raise ValueError(f"obj: expected JSON-ready values, got {type(value).__name__}")
+
+
+def _is_jax_array(value: Any) -> bool:
+    """Asked without importing jax: who has an array of it has done so."""
+    jax = sys.modules.get("jax")
+    return jax is not None and isinstance(value, jax.Array)
 
 
 def _layout(value: Any, indent: str = "") -> str:

@@ -8,7 +8,7 @@ from types import TracebackType
 from typing import Any, BinaryIO
 
 import numpy as np
-from jaxtyping import Array, Num
+from jaxtyping import Num
 
 from cablejax.io.atomic import atomic_write
 from cablejax.io.points import unit_scale
@@ -61,10 +61,10 @@ class PointWriter:
 
     def write(
         self,
-        xyz_mm: Num[Array | np.ndarray, "n 3"],
+        xyz_mm: Num[Any, "n 3"],
         *,
-        color: Num[Array | np.ndarray, "n 3"] | None = None,
-        intensity: Num[Array | np.ndarray, " n"] | None = None,
+        color: Num[Any, "n 3"] | None = None,
+        intensity: Num[Any, " n"] | None = None,
     ) -> None:
         """Write the next points.
 
@@ -119,11 +119,11 @@ class PointWriter:
 
 def write_points(
     path: str | os.PathLike[str],
-    xyz_mm: Num[Array | np.ndarray, "n 3"],
+    xyz_mm: Num[Any, "n 3"],
     *,
     unit: str = "mm",
-    color: Num[Array | np.ndarray, "n 3"] | None = None,
-    intensity: Num[Array | np.ndarray, " n"] | None = None,
+    color: Num[Any, "n 3"] | None = None,
+    intensity: Num[Any, " n"] | None = None,
 ) -> None:
     """Write a cloud in one step; a killed or failed write leaves the old file.
 

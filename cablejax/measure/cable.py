@@ -1,7 +1,7 @@
 """From a scan to a diameter: find the cable, fit its axis and radius, and say how well each number is known."""
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Bool, Int, Num
@@ -14,11 +14,13 @@ from cablejax.measure.labelled import LabelledMeasurement, PointLabels, decided
 from cablejax.measure.result import CableMeasurement
 from cablejax.measure.scan import Scan, scan_of
 from cablejax.measure.settings import MeasureSettings
-from cablejax.types import PointCloud
+
+if TYPE_CHECKING:
+    from cablejax.types import PointCloud
 
 
 def measure_cable(
-    cloud_or_xyz_mm: PointCloud | Num[np.ndarray, "n 3"],
+    cloud_or_xyz_mm: "PointCloud | Num[np.ndarray, 'n 3']",
     *,
     station: Int[np.ndarray, " n"] | None = None,
     on_cable: Bool[np.ndarray, " n"] | None = None,
@@ -76,7 +78,7 @@ def measure_cable(
 
 
 def measure_labelled(
-    cloud_or_xyz_mm: PointCloud | Num[np.ndarray, "n 3"], label: Callable[[], PointLabels], **given: Any
+    cloud_or_xyz_mm: "PointCloud | Num[np.ndarray, 'n 3']", label: Callable[[], PointLabels], **given: Any
 ) -> LabelledMeasurement:
     """`measure_cable` without and with labels: both candidates, and the one that is told.
 

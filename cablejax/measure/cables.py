@@ -1,7 +1,7 @@
 """Every cable of a scene: found, measured and taken out in turn, until nothing round is left."""
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Num
@@ -19,7 +19,9 @@ from cablejax.measure.messages import about_number, found_once, nothing_found
 from cablejax.measure.result import CableMeasurement, CableScene, NotMeasured
 from cablejax.measure.scan import Scan, scan_of
 from cablejax.measure.settings import MeasureSettings, SearchLimits
-from cablejax.types import PointCloud
+
+if TYPE_CHECKING:
+    from cablejax.types import PointCloud
 
 ROUNDS = 8  # of search, each in what the ones before have left
 BELONGS, BELONGS_SIGMA = (
@@ -35,7 +37,7 @@ LEAST_MERIT = 0.02  # of the best track's of all rounds: lesser ones are specks 
 
 
 def measure_cables(
-    cloud_or_xyz_mm: PointCloud | Num[np.ndarray, "n 3"],
+    cloud_or_xyz_mm: "PointCloud | Num[np.ndarray, 'n 3']",
     *,
     station: Int[np.ndarray, " n"] | None = None,
     on_cable: Bool[np.ndarray, " n"] | None = None,

@@ -1,6 +1,8 @@
 """The points of a scan that are looked at, near the origin in float64, and the rows they come from."""
 
+import sys
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, TypeGuard
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -8,7 +10,9 @@ from jaxtyping import Bool, Float, Int
 from cablejax.measure.depth_image import DepthImage, pixel_grid
 from cablejax.measure.messages import check_box, check_cloud, check_labels
 from cablejax.measure.settings import MeasureSettings, SearchLimits
-from cablejax.types import PointCloud
+
+if TYPE_CHECKING:
+    from cablejax.types import PointCloud
 
 
 @dataclass(frozen=True)
@@ -51,7 +55,7 @@ class Scan:
 
 
 def scan_of(
-    cloud_or_xyz_mm: PointCloud | np.ndarray,
+    cloud_or_xyz_mm: "PointCloud | np.ndarray",
     *,
     station: np.ndarray | None,
     on_cable: np.ndarray | None,
@@ -91,9 +95,15 @@ def scan_of(
     )
 
 
-def _points(cloud_or_xyz_mm: PointCloud | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _is_padded(cloud: object) -> TypeGuard["PointCloud"]:
+    """Whether it is a `PointCloud`, asked without jax: who has none has not imported its type."""
+    types = sys.modules.get("cablejax.types")
+    return types is not None and isinstance(cloud, types.PointCloud)
+
+
+def _points(cloud_or_xyz_mm: "PointCloud | np.ndarray") -> tuple[np.ndarray, np.ndarray]:
     """All points in float64, and which of them are points at all: padding and NaN are not."""
-    if isinstance(cloud_or_xyz_mm, PointCloud):
+    if _is_padded(cloud_or_xyz_mm):
         xyz = np.asarray(cloud_or_xyz_mm.xyz, dtype=np.float64)
         valid = np.array(cloud_or_xyz_mm.mask)
     else:
