@@ -26,7 +26,9 @@ def scan(tmp_path):
 
 
 def run(*arguments):
-    done = subprocess.run([sys.executable, "-c", MAIN, *map(str, arguments)], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", MAIN, *map(str, arguments)], capture_output=True, text=True, check=True
+    )
     return done.stdout, done.stderr.splitlines()[-1]
 
 
