@@ -22,9 +22,9 @@ def main() -> None:
     faulthandler.enable()
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
-    from cablejax.runtime import set_up_jax
+    from cablejax.runtime import set_up_jax_when_used
 
-    set_up_jax()
+    set_up_jax_when_used()
     tasks: queue.SimpleQueue[str] = queue.SimpleQueue()
     threading.Thread(target=_listen, args=(tasks,), daemon=True).start()
     while True:

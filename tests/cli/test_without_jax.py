@@ -32,6 +32,12 @@ def run(*arguments):
     return done.stdout, done.stderr.splitlines()[-1]
 
 
+def test_parts_without_kernels_do_not_import_it():
+    parts = "io", "measure", "geometry", "export", "batch", "report", "cli"
+    code = "; ".join(f"import cablejax.{part}" for part in parts) + "; import sys; raise SystemExit('jax' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
 @pytest.mark.parametrize("command", ["measure", "info"])
 def test_a_command_without_kernels(scan, command):
     out, jax = run(command, scan, "--unit", "mm", "--json", *(("--labels", "off") if command == "measure" else ()))

@@ -110,7 +110,7 @@ def locate(axis: Axis, xyz: Float[np.ndarray, "n 3"]) -> Place:
     The nearest sample, then one Newton step to the foot with the curvature between the neighbours taken into account by
     a second look at the interpolated curve. Points beyond an end get the arc length of their foot on its tangent.
     """
-    _, nearest = KDTree(axis.xyz).query(xyz, workers=-1)
+    nearest = np.asarray(KDTree(axis.xyz).query(xyz, workers=-1)[1])
     s = axis.s[nearest] + np.einsum("ij,ij->i", xyz - _rows(axis.xyz, nearest), _rows(axis.tangent, nearest))
     for _ in range(2):
         base, tangent = _line_at(axis, *_between(axis, s))
