@@ -34,7 +34,9 @@ def run(*arguments):
 
 def test_parts_without_kernels_do_not_import_it():
     parts = "io", "measure", "geometry", "export", "batch", "report", "cli"
-    code = "; ".join(f"import cablejax.{part}" for part in parts) + "; import sys; raise SystemExit('jax' in sys.modules)"
+    code = (
+        "; ".join(f"import cablejax.{part}" for part in parts) + "; import sys; raise SystemExit('jax' in sys.modules)"
+    )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 

@@ -1,9 +1,10 @@
 """Where a cable might be: cylinders through pairs of oriented points, scored on their own surroundings."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
 from cablejax.geometry.principal import principal_axes
@@ -17,6 +18,8 @@ TOLERANCE, ROUGHNESSES = (
     3.0,
 )  # a point lies on a cylinder within so much of the radius, or so many times the roughness
 SAMPLE = 1_500  # points on which all hypotheses are scored
+AT_ONCE = 32  # hypotheses scored at once: their distances to the sample stay in the cache
+LEAST_POINTS = 6  # on a cylinder that counts
 ROUGH_RADIUS = 1.2  # times the limits of the diameter, within which a local cylinder is looked at
 AXIS_DEG = 20.0
 AXIS_COS = float(np.cos(np.radians(AXIS_DEG)))
@@ -76,11 +79,56 @@ def score(surface: Surface, cylinder: Cylinder, tolerance: float) -> tuple[float
     on = here & (residual < tolerance) & facing(surface, cylinder, outward)
     inside = here & (distance < cylinder.radius_mm - 2 * tolerance)
     rows = np.flatnonzero(on)
-    if len(rows) < 6:
+    if len(rows) < LEAST_POINTS:
         return 0.0, rows
     gathered = np.linalg.norm(outward[rows].mean(axis=0))  # 1 for a sliver of arc, 0.64 for a half, 0 for the whole
     fit = float(np.sum(1 - (residual[rows] / tolerance) ** 2))
     return (fit - float(inside.sum())) * float(np.sqrt(max(0.0, 1 - gathered))), rows
+
+
+def rough_scores(sample: Surface, guesses: Sequence[Cylinder]) -> Float[np.ndarray, " h"]:
+    """The scores of many cylinders `[h]`, as `score` gives them but for rounding, in a tenth of its time."""
+    if not guesses:
+        return np.zeros(0)
+    center, direction = (np.stack([each[i] for each in guesses]) for i in (0, 1))
+    radius = np.array([guess.radius_mm for guess in guesses])
+    tolerance = np.array([tolerance_of(sample, each) for each in radius])
+    pieces = range(0, len(guesses), AT_ONCE)
+    return np.concatenate(
+        [
+            _rough(sample, *(a[first : first + AT_ONCE] for a in (center, direction, radius, tolerance)))
+            for first in pieces
+        ]
+    )
+
+
+def _rough(
+    sample: Surface,
+    center: Float[np.ndarray, "h 3"],
+    direction: Float[np.ndarray, "h 3"],
+    radius: Float[np.ndarray, " h"],
+    tolerance: Float[np.ndarray, " h"],
+) -> Float[np.ndarray, " h"]:
+    """`rough_scores` for as many as fit the cache, by products of matrices `[h, m]`."""
+    xyz, normals = sample.xyz, sample.normals
+    along = direction @ xyz.T - np.einsum("hi,hi->h", center, direction)[:, None]
+    square = np.einsum("mi,mi->m", xyz, xyz) - 2 * center @ xyz.T + np.einsum("hi,hi->h", center, center)[:, None]
+    distance = np.sqrt(np.maximum(square - along**2, 1e-24))
+    size, room = radius[:, None], tolerance[:, None]
+    here = (np.abs(along) < REACH * size) & (distance < 1.5 * size + room)
+    residual = np.abs(distance - size)
+    outward = (
+        np.einsum("mi,mi->m", xyz, normals) - center @ normals.T - along * (direction @ normals.T)
+    )  # times distance
+    faces = (np.abs(outward) > NORMAL_COS * distance) | (size < sample.reach_mm)
+    on = here & (residual < room) & faces
+    inside = np.count_nonzero(here & (distance < size - 2 * room), axis=1)
+    count = np.count_nonzero(on, axis=1)
+    share = np.where(on, 1 / distance, 0.0)
+    total = share @ xyz - share.sum(axis=1)[:, None] * center - (share * along).sum(axis=1)[:, None] * direction
+    gathered = np.linalg.norm(total, axis=1) / np.maximum(count, 1)
+    fit = np.where(on, 1 - (residual / room) ** 2, 0.0).sum(axis=1)
+    return np.where(count < LEAST_POINTS, 0.0, (fit - inside) * np.sqrt(np.maximum(0.0, 1 - gathered)))
 
 
 def tolerance_of(surface: Surface, radius: float) -> float:
@@ -192,7 +240,7 @@ def find_candidates(
         return []
     some = SAMPLE if not apart else 3 * SAMPLE
     sample = surface.subset(rng.choice(len(surface.xyz), size=min(some, len(surface.xyz)), replace=False))
-    rough = np.array([score(sample, guess, tolerance_of(surface, guess.radius_mm))[0] for guess in guesses])
+    rough = rough_scores(sample, guesses)
     octave = np.floor(np.log2([guess.radius_mm for guess in guesses])).astype(int)
     found = []
     for level in np.unique(octave):
