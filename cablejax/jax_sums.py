@@ -9,6 +9,7 @@ not know, so the flag is set for the releases that it was tried on and no other.
 import os
 import sys
 import warnings
+from collections.abc import Callable
 from functools import cache
 
 from jaxlib import version as jaxlib_version
@@ -17,6 +18,7 @@ FLAG = "--xla_cpu_experimental_ynn_fusion_type="
 NEEDING_FLAG = ("0.10.2", "0.11.2", "0.12.0", "0.12.0.1")  # wrong without it, right with it, all four tried
 ROWS = 4097  # wrong from about a thousand rows on
 
+_WAITING: list[Callable[[], None]] = []
 REMEDY = (
     f"set XLA_FLAGS={FLAG} in the environment, with nothing after the equals sign, before Python starts, or install "
     "jax 0.10.1"
@@ -78,8 +80,21 @@ def ensure_right_sums() -> None:
     check_sums()
 
 
+def once_used(do: Callable[[], None]) -> None:
+    """Do something when the first part that computes with jax is imported; now if one has been."""
+    if "cablejax.types" in sys.modules:
+        do()
+    else:
+        _WAITING.append(do)
+
+
 def warn_where_wrong() -> None:
-    """Warn where this release needs the flag and lacks it, for whoever uses the package as a library."""
+    """Warn where this release needs the flag and lacks it, for whoever uses the package as a library.
+
+    `cablejax.types` asks, which every part that computes with jax imports; what waited for that is done first.
+    """
+    while _WAITING:
+        _WAITING.pop()()
     if lacks_flag():
         warnings.warn(
             f"jax {jaxlib_version.__version__} sums wrongly on the CPU as it is set up: call "

@@ -1,12 +1,7 @@
 """What a program that uses jax does first: `cablejax` and the experiments do, `import cablejax` does not."""
 
-import sys
-from collections.abc import Callable
-
 from cablejax.compiled import keep_compiled
-from cablejax.jax_sums import check_sums, set_flag, warn_where_wrong
-
-_WAITING: list[Callable[[], None]] = []
+from cablejax.jax_sums import check_sums, once_used, set_flag
 
 
 def set_up_jax() -> None:
@@ -21,17 +16,7 @@ def set_up_jax_when_used() -> None:
     Raises:
         WrongSumsError: Then, or now where jax is in use already.
     """
-    if "cablejax.types" in sys.modules:
-        _checked()
-    else:
-        _WAITING.append(_checked)
-
-
-def in_use() -> None:
-    """Do what waits for jax. `cablejax.types` calls it, which every part that computes with jax imports before."""
-    while _WAITING:
-        _WAITING.pop()()
-    warn_where_wrong()
+    once_used(_checked)
 
 
 def _checked() -> None:

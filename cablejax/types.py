@@ -12,10 +12,10 @@ from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 from numpy.typing import ArrayLike
 
+from cablejax.jax_sums import warn_where_wrong
 from cablejax.programs import make_room
-from cablejax.runtime import in_use
 
-in_use()  # every part imports this module before it computes
+warn_where_wrong()  # every part imports this module before it computes
 
 # float32 may move a point by so much of the cloud's width: a cable 400 mm long by 4 um.
 LARGEST_ROUNDING = 1e-5

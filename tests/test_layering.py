@@ -1,4 +1,4 @@
-"""Imports point one way: runtime <- types <- ops <- {registration, measure, simulate, nets} <- train; types <- {io, report}.
+"""Imports point one way: types <- ops <- {registration, measure, simulate, nets} <- train; types <- {io, report}.
 
 `geometry` stands below registration, measure and report. In experiments: harness <- material <- the commands, and
 analysis <- display.
@@ -21,7 +21,7 @@ ALLOWED = {
     "traces": {"compiled", "programs"},
     "optional": set(),
     "runtime": {"jax_sums", "compiled"},
-    "types": {"programs", "runtime"},
+    "types": {"jax_sums", "programs"},
     "programs": set(),
     "ops": {"types"},
     "geometry": set(),

@@ -24,8 +24,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from cablejax.ops.neighbors.descent import Near, descend, root
 from cablejax.ops.neighbors.rank import Ranked, choose, gather, rank, slots_for
-from cablejax.ops.neighbors.select import LARGEST, true_places
-from cablejax.ops.neighbors.tree import FIRST, LEAF, SPLIT, Boxes, Tree
+from cablejax.ops.neighbors.select import LARGEST
+from cablejax.ops.neighbors.tree import FIRST, LEAF, SPLIT, Boxes, Tree, true_places
 from cablejax.ops.varying import varying_like
 
 POOL = 256  # groups, blocks or queries searched at once: what they carry stays in the cache, and few wait for the last

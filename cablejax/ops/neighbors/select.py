@@ -168,17 +168,6 @@ def columns(words: UInt[Array, "... w"], m: int) -> Int[Array, "... m"]:
     return jnp.where(nth < end[..., -1:], column, -1)
 
 
-def true_places(mask: Bool[Array, " n"], size: int | None = None) -> Int[Array, " size"]:
-    """Where a mask is True, in order; n behind the last, and nothing of what is more than `size`, n if None.
-
-    As `jnp.nonzero`, which compiles two sums for this one.
-    """
-    n = mask.shape[0]
-    size = n if size is None else size
-    at = jnp.where(mask, jnp.cumsum(mask, dtype=jnp.int32) - 1, size)
-    return jnp.full(size, n, dtype=jnp.int32).at[at].set(jnp.arange(n, dtype=jnp.int32), mode="drop")
-
-
 def _histogram(score: Callable[[int], Array], words: int, start: Int[Array, "..."], shift: Int[Array, "..."]) -> Array:
     """Counts by column over up to 15 words each `[..., g, 32]`, in eight bins of four bits; the first bin holds all below."""
     sums = []

@@ -16,7 +16,6 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int, UInt
 
-from cablejax.ops.neighbors.select import true_places
 from cablejax.ops.varying import varying_like
 
 LEAF = 8  # points per leaf: four leaves fill a word of 32 candidates
@@ -193,6 +192,17 @@ def _nth(values: Float[Array, "m 8"], valid: Bool[Array, "m 8"], n: Int[Array, "
     near, far = values[:, None, :], values[:, :, None]
     rank = jnp.sum((near < far) | ((near == far) & earlier[None]), axis=2, dtype=jnp.int32)
     return jnp.sum(jnp.where(rank == n[:, None], jnp.where(valid, values, 0.0), 0.0), axis=1)
+
+
+def true_places(mask: Bool[Array, " n"], size: int | None = None) -> Int[Array, " size"]:
+    """Where a mask is True, in order; n behind the last, and nothing of what is more than `size`, n if None.
+
+    As `jnp.nonzero`, which compiles two sums for this one.
+    """
+    n = mask.shape[0]
+    size = n if size is None else size
+    at = jnp.where(mask, jnp.cumsum(mask, dtype=jnp.int32) - 1, size)
+    return jnp.full(size, n, dtype=jnp.int32).at[at].set(jnp.arange(n, dtype=jnp.int32), mode="drop")
 
 
 def boxes_of(points: Float[Array, "a leaves 8"], valid: Bool[Array, "leaves 8"], depth: int) -> Boxes:
