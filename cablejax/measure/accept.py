@@ -89,7 +89,7 @@ def accepted(scan: Scan, track: Track, find: Find, settings: MeasureSettings) ->
     limits = settings.limits.diameter_mm
     if limits is not None and not limits[0] <= 2 * fit.radius_mm <= limits[1]:
         raise not_sought(2 * fit.radius_mm, limits)
-    step = step_across(scan.xyz, fit.axis)
+    step = step_across(scan.xyz, fit.axis.tangent[len(fit.axis.tangent) // 2])
     if (error := too_coarse(step, 2 * fit.radius_mm)) is not None:
         raise error
     if fit.noise_mm > ROUGHEST * fit.radius_mm:
@@ -110,8 +110,11 @@ def accepted(scan: Scan, track: Track, find: Find, settings: MeasureSettings) ->
 def _fitted(scan: Scan, track: Track, find: Find, settings: MeasureSettings) -> Fitted:
     try:
         return fit_track(scan, track, find.planes, settings)
-    except MeasureError as error:  # nothing round there; where most is flat, that is the reason to give
-        raise nothing_found(find) if find.flat_share > 0.5 else error from None
+    except (
+        MeasureError
+    ) as error:  # nothing round there; where points stand in rows or most is flat, that is the reason to give
+        coarse = too_coarse(step_across(scan.xyz, track.start.direction), 2 * track.radius_mm)
+        raise coarse or (nothing_found(find) if find.flat_share > 0.5 else error) from None
 
 
 def _one_wall(scan: Scan, fit: CableFit, walls: Walls, settings: MeasureSettings) -> tuple[Scan, float]:

@@ -4,7 +4,6 @@ import numpy as np
 from jaxtyping import Float
 
 from cablejax.measure.errors import MeasureError
-from cablejax.measure.fit.axis import Axis
 
 REPEATED = 3.0  # points to a value, on average: fewer repeat by chance, or with steps too fine to matter
 DIGITS = 1e-6  # of the extent, within which two values are one
@@ -41,10 +40,9 @@ def _step(column: Float[np.ndarray, " m"]) -> float:
     return step if even.mean() >= SHARE else 0.0
 
 
-def step_across(xyz: Float[np.ndarray, "m 3"], axis: Axis) -> float:
-    """The coarsest step that the coordinates have across an axis, in mm."""
-    tangent = axis.tangent[len(axis.tangent) // 2]
-    return float(np.max(coordinate_steps(xyz) * np.sqrt(np.maximum(1.0 - tangent**2, 0.0))))
+def step_across(xyz: Float[np.ndarray, "m 3"], direction: Float[np.ndarray, "3"]) -> float:
+    """The coarsest step that the coordinates have across a unit direction, in mm."""
+    return float(np.max(coordinate_steps(xyz) * np.sqrt(np.maximum(1.0 - direction**2, 0.0))))
 
 
 def too_coarse(step_mm: float, diameter_mm: float) -> MeasureError | None:

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from cablejax.measure import MeasureError, MeasureSettings, measure_cable
-from cablejax.measure.fit.axis import sampled
 from cablejax.measure.steps import about_steps, coordinate_steps, step_across, too_coarse
 
 DIAMETER = 50.0
@@ -42,8 +41,8 @@ def test_no_step(none):
 def test_steps_along_the_axis_do_not_count():
     xyz = tube()
     xyz[:, 0] = np.round(xyz[:, 0] / 20) * 20
-    assert step_across(xyz, sampled(np.array([[0.0, 0, 0], [400.0, 0, 0]]), step=5.0)) == pytest.approx(0.0, abs=1e-6)
-    assert step_across(xyz, sampled(np.array([[0.0, 0, 0], [0, 0, 400.0]]), step=5.0)) == pytest.approx(20.0, rel=1e-3)
+    assert step_across(xyz, np.array([1.0, 0.0, 0.0])) == pytest.approx(0.0, abs=1e-6)
+    assert step_across(xyz, np.array([0.0, 0.0, 1.0])) == pytest.approx(20.0, rel=1e-3)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -56,6 +55,7 @@ def test_fine_steps_pass_in_silence_middling_ones_with_a_word_and_coarse_ones_no
     middling = measure_cable(np.round(xyz / 4.0) * 4.0, settings=one_view)
     assert middling.interval_mm[0] < DIAMETER < middling.interval_mm[1]
     assert any("multiples of 4 mm" in warning for warning in middling.warnings)
+    # Which of its rows the search takes for a cylinder turns on the last bits of equal scores; the reason is one all the same.
     with pytest.raises(MeasureError, match=r"multiples of 20 mm|No cable found"):
         measure_cable(np.round(xyz / 20.0) * 20.0, settings=one_view)
 
