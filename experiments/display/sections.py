@@ -117,7 +117,7 @@ SECTIONS: tuple[Section[Results], ...] = (
     Section(
         Results,
         "The study",
-        "Nine optimizers on clouds that are new in every epoch, tuned alike over rate and a second number, by a protocol written "
+        "Nine optimizers, and the network without its parts, on clouds that are new in every epoch, tuned alike over rate and a second number, by a protocol written "
         "before its results (docs/study.md).",
         tuple(study_tables.TITLES),
         tuple(

@@ -11,6 +11,7 @@ from experiments.analysis.study_summary import OWN, arms, best_of_trials, final_
 from experiments.display.drawing import Drawing, new_figure
 from experiments.display.optimizers.study_tables import TITLES
 
+LONG_NAME = 28  # letters
 FACTORS = np.geomspace(1.0, 8.0, 40).tolist()
 
 
@@ -37,7 +38,7 @@ def curves(results: Results) -> Drawing | None:
     left.set_ylim(0, 1.02)
     right.set_title("(b) best of n trials, expected", loc="left", fontsize=10)
     right.set_xlabel("trials n")
-    figure.legend(*right.get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    _legend(figure, right)
     title = TITLES[results.experiment]
     return Drawing(
         results.experiment,
@@ -77,10 +78,16 @@ def profiles(found: dict[str, Results]) -> Drawing | None:
     ax.set_xlabel("updates to target, times the quickest arm's median")
     ax.set_ylabel("share of runs")
     ax.set_ylim(0, 1.02)
-    figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    _legend(figure, ax)
     return Drawing(
         "study_profiles",
         figure,
         "Share of runs that reach the target within a factor of the quickest optimizer, a curve for each.",
         f"Performance profiles over {len(complete)} parts of the study: the higher and the further left, the better.",
     )
+
+
+def _legend(figure: Any, ax: Any) -> None:
+    """Names below the panels, in as many columns as the longest leaves room for."""
+    handles, names = ax.get_legend_handles_labels()
+    figure.legend(handles, names, loc="outside lower center", ncols=3 if max(map(len, names)) < LONG_NAME else 2)
