@@ -117,8 +117,8 @@ SECTIONS: tuple[Section[Results], ...] = (
     Section(
         Results,
         "The study",
-        "Nine optimizers, and the network without its parts, on clouds that are new in every epoch, tuned alike over rate and a second number, by a protocol written "
-        "before its results (docs/study.md).",
+        "Nine optimizers, and the network without its parts, on clouds that are new in every epoch, tuned alike over rate "
+        "and a second number, by a protocol written before its results (docs/study.md).",
         tuple(study_tables.TITLES),
         tuple(
             of(name, maker)
