@@ -84,7 +84,7 @@ def once_used(do: Callable[[], None]) -> None:
     """Do something when the first part that computes with jax is imported; now if one has been."""
     if "cablejax.types" in sys.modules:
         do()
-    else:
+    elif do not in _WAITING:
         _WAITING.append(do)
 
 

@@ -110,9 +110,8 @@ def accepted(scan: Scan, track: Track, find: Find, settings: MeasureSettings) ->
 def _fitted(scan: Scan, track: Track, find: Find, settings: MeasureSettings) -> Fitted:
     try:
         return fit_track(scan, track, find.planes, settings)
-    except (
-        MeasureError
-    ) as error:  # nothing round there; where points stand in rows or most is flat, that is the reason to give
+    except MeasureError as error:
+        # Nothing round there; where points stand in rows, or most is flat, that is the reason to give.
         coarse = too_coarse(step_across(scan.xyz, track.start.direction), 2 * track.radius_mm)
         raise coarse or (nothing_found(find) if find.flat_share > 0.5 else error) from None
 

@@ -9,7 +9,7 @@ from cablejax.measure.find.surface import Surface
 from tests.reference.circles import bent_cable
 
 
-@pytest.mark.parametrize("away", [0.0, 5e4])
+@pytest.mark.parametrize("away", [0.0, 1e3])
 def test_rough_scores_are_the_scores(away):
     rng = np.random.default_rng(3)
     xyz = bent_cable(radius=12.0, n=700, arc_deg=220.0, noise=0.1, seed=1)

@@ -87,7 +87,7 @@ def score(surface: Surface, cylinder: Cylinder, tolerance: float) -> tuple[float
 
 
 def rough_scores(sample: Surface, guesses: Sequence[Cylinder]) -> Float[np.ndarray, " h"]:
-    """The scores of many cylinders `[h]`, as `score` gives them but for rounding, in a tenth of its time."""
+    """The scores of many cylinders `[h]`, as `score` gives them but for rounding, in a fifth of its time."""
     if not guesses:
         return np.zeros(0)
     center, direction = (np.stack([each[i] for each in guesses]) for i in (0, 1))
@@ -117,9 +117,8 @@ def _rough(
     size, room = radius[:, None], tolerance[:, None]
     here = (np.abs(along) < REACH * size) & (distance < 1.5 * size + room)
     residual = np.abs(distance - size)
-    outward = (
-        np.einsum("mi,mi->m", xyz, normals) - center @ normals.T - along * (direction @ normals.T)
-    )  # times distance
+    # The outward direction times the normal, times the distance.
+    outward = np.einsum("mi,mi->m", xyz, normals) - center @ normals.T - along * (direction @ normals.T)
     faces = (np.abs(outward) > NORMAL_COS * distance) | (size < sample.reach_mm)
     on = here & (residual < room) & faces
     inside = np.count_nonzero(here & (distance < size - 2 * room), axis=1)

@@ -115,8 +115,8 @@ def descend(
         count = jnp.sum(lax.population_count(hit), axis=1, dtype=jnp.uint32).astype(jnp.int32)
         left = (jnp.max(node, axis=1) + 1) * span[level]
         resume = jnp.where(in_order & (count > keep), jnp.minimum(near.resume, left), near.resume)
-        # XLA may compute the scores anew for `hit`, rounded otherwise than those that were counted: then a tie just above
-        # the threshold can come below it, and there is no room for all.
+        # The scores are finished before they are counted and chosen from (`apart`): computed anew, a tie just above the
+        # threshold could come below it. Where there is no room for all, nothing is promised.
         bound = jnp.minimum(near.bound, jnp.where(bounded & (count <= keep), found.value, 0.0))
         return Near(node, jnp.where(in_order, near.bound, bound), resume)
 

@@ -114,10 +114,8 @@ def search(tree: Tree, targets: Tree, queries: int, *, k: int, include_self: boo
 
     def once(state: _State) -> _State:
         state = _refill(targets, state)
-        pool, group = (
-            state.pool,
-            jax.tree.map(lambda each: each[state.pool.place[:, 0] // (LEAF * SPLIT)], state.groups),
-        )
+        pool = state.pool
+        group = jax.tree.map(lambda each: each[pool.place[:, 0] // (LEAF * SPLIT)], state.groups)
         own = _Own(xyz[:, pool.place], rows[pool.place], state.phase, Boxes(*(side[:, pool.number] for side in boxes)))
         near = _down(tree, pool, own, group, share_for(k))
 
@@ -205,7 +203,7 @@ def _refill(targets: Tree, state: _State) -> _State:
     lane = jnp.arange(LEAF, dtype=jnp.int32)[None, :]
     grouped, alone = state.phase == GROUPS, state.phase == ALONE
     place = number[:, None] * jnp.where(alone, 1, LEAF) + jnp.where(alone, 0, lane)
-    place = jnp.where(grouped, number[:, None] * 0, place)
+    place = jnp.where(grouped, 0, place)
     there = (at < count)[:, None] & ((state.phase == BLOCKS) | (lane == 0))
     there &= grouped | (targets.row.reshape(-1)[place] >= 0)
     new = idle[:, None]
