@@ -44,11 +44,19 @@ def cluster(folder: Path, *, workers: int) -> Iterator[Cluster]:
     ]
     started = [subprocess.Popen(worker, env=env, **quiet) for _ in range(workers)]
     try:
-        while not file.exists():
+        while (address := _address(file)) is None:
             assert scheduler.poll() is None, "the scheduler did not start"
             time.sleep(0.05)
-        yield Cluster(json.loads(file.read_text())["address"], scheduler, started)
+        yield Cluster(address, scheduler, started)
     finally:
         for process in [*started, scheduler]:
             process.kill()
             process.wait()
+
+
+def _address(file: Path) -> str | None:
+    """What the scheduler tells, once its file is whole: it writes the file in place."""
+    try:
+        return json.loads(file.read_text())["address"]
+    except (FileNotFoundError, json.JSONDecodeError):
+        return None
