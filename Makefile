@@ -6,6 +6,8 @@ PYTHON ?= $(shell for p in python3 python3.13 python3.12 python3.11; do \
 	command -v $$p >/dev/null 2>&1 && $$p -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' 2>/dev/null && echo $$p && break; done)
 VENV ?= .venv
 BIN := $(VENV)/bin
+# Compiled modules are kept whatever the shell says: without them every process reads all of jax's sources again, 2 s of each.
+export PYTHONDONTWRITEBYTECODE :=
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 # A lock: by uv, which takes a third of pip's time; by pip where uv does not exist or does not know the way to the packages.
 install = { $(PIP) install --require-hashes -r requirements/uv.txt && \

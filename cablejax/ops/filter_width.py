@@ -20,8 +20,8 @@ from cablejax.ops.neighbors import knn
 from cablejax.ops.precision import require_float32
 from cablejax.ops.quantile import quantile
 from cablejax.ops.sheets import own_sheet
-from cablejax.ops.slots import farthest, gather
-from cablejax.ops.surface_fit import fit_frame, fit_heights, residual, without_faint
+from cablejax.ops.slots import Vector, farthest, offsets, sq_length
+from cablejax.ops.surface_fit import SurfaceFit, fit_frame, fit_heights, flat_fit, residual, without_faint
 from cablejax.types import PointCloud
 
 PILOT = 2048  # points whose neighbours predict them
@@ -124,25 +124,36 @@ def _predict(xyz: Array, neighbors: Array, centre: Array, width: Array, order: i
     """Squared leave-one-out error and noise at each centre `[m]`."""
     scale = 0.5 / jnp.square(jnp.where(width > 0, width, 1.0))
 
-    def in_space(rows: Array, near: Array) -> tuple[Array, Array]:
-        offset = gather(xyz, rows) - centre
-        return without_faint(jnp.where(near, jnp.exp(-jnp.square(offset).sum(axis=0) * scale), 0.0)), offset
+    def in_space(rows: Array, near: Array) -> tuple[Array, Vector]:
+        offset = offsets(xyz, rows, centre)
+        return without_faint(jnp.where(near, jnp.exp(-sq_length(offset) * scale), 0.0)), offset
 
     frame = fit_frame(in_space, neighbors)
-    pilot = fit_heights(in_space, neighbors, frame, order=order)
-    off_surface = residual(pilot)
-    # The k nearest in space of a lifted point are, at the rim, lifted ones alone: in the plane, only what no lift excludes.
     reach = farthest(xyz, centre, neighbors)
-    rim = jnp.maximum(reach - jnp.square(BAND * pilot.noise), 0.25 * reach)
-    band = 0.5 / jnp.square(BAND * jnp.maximum(pilot.noise, TINY**0.25))
 
-    def in_plane(rows: Array, near: Array) -> tuple[Array, Array]:
-        offset = gather(xyz, rows) - centre
-        off, sq_dist = off_surface(offset)
-        inside = near & (sq_dist <= rim)
-        return without_faint(jnp.where(inside, jnp.exp(-sq_dist * scale - jnp.square(off) * band), 0.0)), offset
+    def about(fit: SurfaceFit) -> Array:
+        """Weight, per squared distance from a surface."""
+        return 0.5 / jnp.square(BAND * jnp.maximum(fit.noise, TINY**0.25))
 
-    fit = fit_heights(in_plane, neighbors, frame, order=order)
+    def turn(number: Array, fits: tuple[SurfaceFit, SurfaceFit]) -> tuple[SurfaceFit, SurfaceFit]:
+        """First in space, which is the same beside the plane through the centre; then in the plane beside that surface."""
+        _, last = fits
+        off_surface = residual(last)
+        # The k nearest in space of a lifted point are, at the rim, lifted ones alone: in the plane, only what no lift excludes.
+        rim = jnp.maximum(reach - jnp.square(BAND * last.noise), 0.25 * reach)
+        rim, band = jnp.where(number == 0, jnp.inf, rim), jnp.where(number == 0, scale, about(last))
+
+        def beside(rows: Array, near: Array) -> tuple[Array, Vector]:
+            offset = offsets(xyz, rows, centre)
+            off, sq_dist = off_surface(offset)
+            inside = near & (sq_dist <= rim)
+            return without_faint(jnp.where(inside, jnp.exp(-sq_dist * scale - jnp.square(off) * band), 0.0)), offset
+
+        return last, fit_heights(beside, neighbors, frame, order=order)
+
+    flat = flat_fit(frame, order=order)
+    pilot, fit = lax.fori_loop(0, 2, turn, (flat, flat))
+    band = about(pilot)
     # The own weight falls with the own residual alone; without its share, the height is what the others predict.
     others = 1.0 - jnp.exp(-jnp.square(pilot.height) * band) * fit.leverage
     loss = jnp.square(fit.height / jnp.maximum(others, LEAST))

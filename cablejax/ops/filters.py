@@ -12,7 +12,7 @@ from cablejax.ops.neighbors import KnnResult, ListAndSums, knn
 from cablejax.ops.precision import require_float32
 from cablejax.ops.quantile import quantile
 from cablejax.ops.sheets import own_sheet
-from cablejax.ops.slots import Neighborhoods, gather, sum_over_slots
+from cablejax.ops.slots import Neighborhoods, Vector, offsets, sq_length, sum_over_slots
 from cablejax.ops.surface_filter import gaussian, onto_surface, surface_width
 from cablejax.ops.surface_fit import inverse
 from cablejax.types import PointCloud, Status
@@ -211,14 +211,14 @@ def _width(noise: Array, valid: Array, alpha: Array, beta: Array | None, form: s
 def _edge_weight(around: Neighborhoods, gamma: Array, tau: Array | None) -> Float[Array, " n"]:
     """Weight of each point, eqs. (6) and (7)."""
 
-    def sums(rows: Array, near: Array) -> Array:
-        offset = around.xyz - gather(around.xyz, rows)
-        sq_dist = jnp.square(offset).sum(axis=0)
+    def sums(rows: Array, near: Array) -> Vector:
+        offset = offsets(around.xyz, rows, around.xyz)
+        sq_dist = sq_length(offset)
         apart = near & (sq_dist > 0)
-        return jnp.where(apart[None], offset / jnp.sqrt(jnp.where(apart, sq_dist, 1.0))[None], 0.0)
+        distance = jnp.sqrt(jnp.where(apart, sq_dist, 1.0))
+        return tuple(jnp.where(apart, each / distance, 0.0) for each in offset)
 
-    gradient = sum_over_slots(around.neighbors, sums)
-    square = jnp.square(gradient).sum(axis=0)
+    square = sq_length(sum_over_slots(around.neighbors, sums))
     positive = square > 0
     # Double where: the root has no gradient at 0.
     norm = jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
@@ -229,11 +229,11 @@ def _edge_weight(around: Neighborhoods, gamma: Array, tau: Array | None) -> Floa
 def _mean_offset(around: Neighborhoods, edge: Array | None, width: Array) -> Float[Array, "3 n"]:
     """From each point to the mean of eq. (8)."""
 
-    def sums(rows: Array, near: Array) -> tuple[Array, Array]:
-        offset = gather(around.xyz, rows) - around.xyz
-        weight = gaussian(jnp.square(offset).sum(axis=0), near, width)
+    def sums(rows: Array, near: Array) -> tuple[Array, Vector]:
+        offset = offsets(around.xyz, rows, around.xyz)
+        weight = gaussian(sq_length(offset), near, width)
         weight = weight if edge is None else weight * edge[rows]
-        return weight, weight[None] * offset
+        return weight, tuple(weight * each for each in offset)
 
     total, move = sum_over_slots(around.neighbors, sums)
-    return move * inverse(total)[None]
+    return jnp.stack(move) * inverse(total)[None]

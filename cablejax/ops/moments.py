@@ -5,7 +5,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from cablejax.ops.slots import gather, sum_over_slots
+from cablejax.ops.slots import Vector, offsets, sq_length, sum_over_slots
 
 
 class LocalMoments(NamedTuple):
@@ -62,13 +62,13 @@ def local_noise(
         neighbors: Rows of each neighbourhood `[k, m]`, the point itself among them, -1 where there is none.
     """
 
-    def sums(rows: Array, near: Array) -> tuple[Array, Array, Array]:
-        offset = jnp.where(near[None], gather(xyz, rows) - centre, 0.0)
-        return near.astype(offset.dtype), offset, jnp.square(offset).sum(axis=0)
+    def sums(rows: Array, near: Array) -> tuple[Array, Vector, Array]:
+        offset = tuple(jnp.where(near, each, 0.0) for each in offsets(xyz, rows, centre))
+        return near.astype(xyz.dtype), offset, sq_length(offset)
 
     count, first, square = sum_over_slots(neighbors, sums)
     count = jnp.maximum(count, 1.0)
-    variance = square / count - jnp.square(first / count[None]).sum(axis=0)
+    variance = square / count - sq_length(tuple(each / count for each in first))
     positive = variance > 0
     # Double where: the root has no gradient at 0.
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, variance, 1.0)), 0.0)

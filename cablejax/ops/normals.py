@@ -11,7 +11,7 @@ from cablejax.ops.eigen import symmetric_eigen
 from cablejax.ops.neighbors import KnnResult, RadiusResult, knn, radius_search
 from cablejax.ops.neighbors.request import bit
 from cablejax.ops.precision import require_float32
-from cablejax.ops.slots import gather, sum_over_slots
+from cablejax.ops.slots import Vector, offsets, sum_over_slots
 from cablejax.types import Status
 
 FLAT = 1e-5  # of the largest eigenvalue, by which the two smallest must differ to tell a normal: ten roundings
@@ -103,16 +103,17 @@ def _covariance(
     own = jnp.arange(xyz.shape[1], dtype=jnp.int32)[None]
     around = jnp.concatenate([own, neighbors.astype(jnp.int32)])
 
-    def offsets(rows: Array, near: Array) -> tuple[Array, Array]:
-        return near.astype(jnp.int32), jnp.where(near[None], gather(xyz, rows) - xyz, 0.0)
+    def first(rows: Array, near: Array) -> tuple[Array, Vector]:
+        return near.astype(jnp.int32), tuple(jnp.where(near, each, 0.0) for each in offsets(xyz, rows, xyz))
 
-    count, total = sum_over_slots(around, offsets)
-    mean = total / count.astype(xyz.dtype)[None]
+    count, total = sum_over_slots(around, first)
+    mean = [each / count.astype(xyz.dtype) for each in total]
 
-    def products(rows: Array, near: Array) -> Array:
-        x, y, z = jnp.where(near[None], gather(xyz, rows) - xyz - mean, 0.0)
-        return jnp.stack([x * x, x * y, x * z, y * y, y * z, z * z])
+    def products(rows: Array, near: Array) -> Vector:
+        off = zip(offsets(xyz, rows, xyz), mean, strict=True)
+        x, y, z = (jnp.where(near, each - middle, 0.0) for each, middle in off)
+        return x * x, x * y, x * z, y * y, y * z, z * z
 
-    xx, xy, xz, yy, yz, zz = sum_over_slots(around, products) / count.astype(xyz.dtype)[None]
+    xx, xy, xz, yy, yz, zz = (each / count.astype(xyz.dtype) for each in sum_over_slots(around, products))
     rows = [jnp.stack(row, axis=-1) for row in ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))]
     return count, jnp.stack(rows, axis=-2)

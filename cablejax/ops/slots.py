@@ -10,6 +10,9 @@ from jaxtyping import Array, Bool, Float, Int
 
 from cablejax.ops.varying import varying_like
 
+Vector = tuple[Float[Array, " m"], ...]
+"""Coordinates one by one: stacked in one array, each would be copied in every turn of a loop, by a kernel of its own."""
+
 Sums = TypeVar("Sums")
 State = TypeVar("State")
 
@@ -51,7 +54,7 @@ def farthest(xyz: Float[Array, "3 n"], centre: Float[Array, "3 m"], neighbors: I
     """Squared distance from each centre to its farthest neighbour; 0 where there is none."""
 
     def at_slot(rows: Array, most: Array) -> Array:
-        sq_dist = jnp.square(gather(xyz, jnp.maximum(rows, 0)) - centre).sum(axis=0)
+        sq_dist = sq_length(offsets(xyz, jnp.maximum(rows, 0), centre))
         return jnp.maximum(most, jnp.where(rows >= 0, sq_dist, 0.0))
 
     start = varying_like(jnp.zeros(centre.shape[1], xyz.dtype), xyz, centre, neighbors)
@@ -80,6 +83,24 @@ def through_slots(
     return lax.fori_loop(0, neighbors.shape[0], turn, (neighbors[0], start))[1]
 
 
-def gather(rows: Float[Array, "c n"], at: Int[Array, "..."]) -> Float[Array, "c ..."]:
-    """Columns of `rows` at given places, all of them in range; one gather a row, which XLA vectorises best."""
-    return jnp.stack([row.at[at].get(mode="promise_in_bounds", wrap_negative_indices=False) for row in rows])
+def gather(rows: Float[Array, "c n"], at: Int[Array, "..."]) -> Vector:
+    """Columns of `rows` at given places, all of them in range, row by row."""
+    return tuple(row.at[at].get(mode="promise_in_bounds", wrap_negative_indices=False) for row in rows)
+
+
+def offsets(xyz: Float[Array, "3 n"], at: Int[Array, " m"], centre: Float[Array, "3 m"]) -> Vector:
+    """From each centre to the point at a given place."""
+    return tuple(other - own for other, own in zip(gather(xyz, at), centre, strict=True))
+
+
+def sq_length(vector: Vector | Float[Array, "3 m"]) -> Float[Array, " m"]:
+    """Squared lengths."""
+    return along(vector, vector)
+
+
+def along(axis: Vector | Float[Array, "3 m"], offset: Vector | Float[Array, "3 m"]) -> Float[Array, " m"]:
+    """Products of vectors pair by pair."""
+    first, *others = (a * b for a, b in zip(axis, offset, strict=True))
+    for each in others:
+        first = first + each
+    return first

@@ -1,14 +1,16 @@
 """Orders 1 and 2 of the adaptive filter: each point onto a plane or quadric with the weights of eq. (8)."""
 
+from functools import partial
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from cablejax.ops.factors import TINY
 from cablejax.ops.filter_width import BAND, choose_alpha, pilot_rows, try_widths, usual_noise
-from cablejax.ops.slots import Neighborhoods, farthest, gather, sum_over_slots
+from cablejax.ops.slots import Neighborhoods, Vector, along, farthest, gather, offsets, sq_length, sum_over_slots
 from cablejax.ops.surface_fit import SurfaceFit, fit_frame, fit_heights, without_faint
 
 FACING = 0.6  # normals that differ by so much, as a distance of unit vectors, count as one kernel width apart
@@ -66,13 +68,13 @@ def onto_surface(
         )
         further = move + again.height[None] * again.normal
         # What the second fit does not determine stays with the first; a mean of means would creep along its line.
-        better = (again.degree >= jnp.maximum(fit.degree, 1)) & (fit.degree > 0) & (_length(further) <= reach)
-        fit = SurfaceFit(*(jnp.where(better, new, old) for new, old in zip(again, fit, strict=True)))
+        better = (again.degree >= jnp.maximum(fit.degree, 1)) & (fit.degree > 0) & (sq_length(further) <= reach)
+        fit = jax.tree.map(partial(jnp.where, better), again, fit)
         move = jnp.where(better[None], further, move)
     if crowding is not None:
         deeper = move - crowding * _depth(around, fit)
-        move = jnp.where(((fit.degree == 2) & (_length(deeper) <= reach))[None], deeper, move)
-    stays = _length(move) > reach
+        move = jnp.where(((fit.degree == 2) & (sq_length(deeper) <= reach))[None], deeper, move)
+    stays = sq_length(move) > reach
     return Moved(jnp.where(stays[None], 0.0, move), width, jnp.where(stays, -1, fit.degree))
 
 
@@ -100,25 +102,19 @@ def _fit(
 
     With them the weighted means of the points, from the places.
     """
-    at = place if normal is None else jnp.concatenate([place, normal])
 
-    def sample(rows: Array, near: Array) -> tuple[Array, Array]:
-        other = gather(at, rows)
-        weight = gaussian(jnp.square(other[:3] - place).sum(axis=0), near, width)
+    def sample(rows: Array, near: Array) -> tuple[Array, Vector]:
+        offset = offsets(place, rows, place)
+        weight = gaussian(sq_length(offset), near, width)
         if normal is not None:
-            cosine = jnp.abs((other[3:] * normal).sum(axis=0))  # normals have either sign
+            cosine = jnp.abs(along(gather(normal, rows), normal))  # normals have either sign
             weight = weight * jnp.exp((cosine - 1.0) / FACING**2)
-        offset = (other[:3] if normal is None else gather(around.xyz, rows)) - place
+            offset = offsets(around.xyz, rows, place)
         weight = without_faint(weight)
         return weight if edge is None else weight * edge[rows], offset
 
     frame = fit_frame(sample, around.neighbors)
     return fit_heights(sample, around.neighbors, frame, order=order), frame.mean
-
-
-def _length(move: Float[Array, "3 n"]) -> Float[Array, " n"]:
-    """Squared lengths."""
-    return jnp.square(move).sum(axis=0)
 
 
 def _narrowing(noise: Float[Array, " n"], usual: Float[Array, ""]) -> Float[Array, " n"]:
@@ -141,9 +137,8 @@ def _depth(around: Neighborhoods, fit: SurfaceFit) -> Float[Array, "3 n"]:
     """
     depth = (jnp.square(fit.noise) * fit.bend)[None] * fit.normal
 
-    def sums(rows: Array, near: Array) -> tuple[Array, Array]:
-        return near.astype(depth.dtype), jnp.where(near[None], gather(depth, rows), 0.0)
+    def sums(rows: Array, near: Array) -> tuple[Array, Vector]:
+        return near.astype(depth.dtype), tuple(jnp.where(near, each, 0.0) for each in gather(depth, rows))
 
     count, total = sum_over_slots(around.neighbors, sums)
-    mean = total / jnp.maximum(count, 1.0)[None]
-    return (mean * fit.normal).sum(axis=0)[None] * fit.normal
+    return (along(total, fit.normal) / jnp.maximum(count, 1.0))[None] * fit.normal

@@ -1,5 +1,6 @@
 """Weighted planes and quadrics through many neighbourhoods at once, from moments summed slot by slot."""
 
+import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -9,12 +10,13 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from cablejax.ops.factors import TINY, backward, cholesky, forward, sum_of_squares
-from cablejax.ops.slots import sum_over_slots
+from cablejax.ops.slots import Vector, along, sum_over_slots
 
 RIDGE = (
     1e-6  # on covariances scaled to trace one: an axis of collinear points, which moves others by less than rounding
 )
 TERMS = {1: 3, 2: 6}  # coefficients of a plane and a quadric
+EXPONENTS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))  # of u and v in them
 THIN = (
     1e-4  # least spread across a neighbourhood, squared, of its mean square distance: one part in a hundred is a line
 )
@@ -24,8 +26,8 @@ FAINT = (
 SQUARINGS = 9  # of the adjugate: the power of 512
 ALONE = 0.9  # share of its own height in a fit from which on a point is not smoothed but interpolated
 
-Sample = Callable[[Int[Array, " m"], Bool[Array, " m"]], tuple[Float[Array, " m"], Float[Array, "3 m"]]]
-"""From the neighbours in one slot to their weights `[m]`, zero where there is none, and offsets from the centre `[3, m]`."""
+Sample = Callable[[Int[Array, " m"], Bool[Array, " m"]], tuple[Float[Array, " m"], Vector]]
+"""From the neighbours in one slot to their weights `[m]`, zero where there is none, and offsets from the centre, each `[m]`."""
 
 
 class Frame(NamedTuple):
@@ -55,7 +57,7 @@ class SurfaceFit(NamedTuple):
         bend: Sum of its two second derivatives there `[m]`, the sum of the principal curvatures; 0 for planes.
         noise: Standard deviation of the neighbours from the surface along the normal `[m]`, fitted parameters allowed for.
         leverage: What a height of one in the centre itself would add to `height`, per unit of its weight `[m]`.
-        coefficients: Of 1, u, v, u^2, uv, v^2 in the tangent plane `[3 or 6, m]`; lengths in units of `size`.
+        coefficients: Of 1, u, v, u^2, uv, v^2 in the tangent plane, 3 or 6, each `[m]`; lengths in units of `size`.
         size: Unit of length of the coefficients `[m]`.
         degree: 2 a quadric, 1 a plane, 0 where the neighbours lie at one place or along a line `[m]` int32; `height` is
             then that of their mean.
@@ -66,7 +68,7 @@ class SurfaceFit(NamedTuple):
     bend: Float[Array, " m"]
     noise: Float[Array, " m"]
     leverage: Float[Array, " m"]
-    coefficients: Float[Array, "t m"]
+    coefficients: Vector
     size: Float[Array, " m"]
     degree: Int[Array, " m"]
 
@@ -88,14 +90,15 @@ def fit_surface(sample: Sample, neighbors: Int[Array, "k m"], *, order: int) -> 
 def fit_frame(sample: Sample, neighbors: Int[Array, "k m"]) -> Frame:
     """Mean, size and normal of each neighbourhood."""
 
-    def moments(rows: Array, near: Array) -> tuple[Array, Array, Array]:
+    def moments(rows: Array, near: Array) -> tuple[Array, ...]:
         weight, (x, y, z) = _counted(sample, rows, near)
-        first, square = jnp.stack([x, y, z]), jnp.stack([x * x, y * y, z * z, x * y, y * z, z * x])
-        return weight, weight[None] * first, weight[None] * square
+        products = (x, y, z, x * x, y * y, z * z, x * y, y * z, z * x)
+        return (weight, *(weight * each for each in products))
 
-    total, first, square = sum_over_slots(neighbors, moments)
+    total, *sums = sum_over_slots(neighbors, moments)
     share = inverse(total)
-    mean, square = first * share[None], square * share[None]
+    means = jnp.stack(sums) * share[None]
+    mean, square = means[:3], means[3:]
     x, y, z = mean
     covariance = square - jnp.stack([x * x, y * y, z * z, x * y, y * z, z * x])
     normal, least = least_axis(covariance)
@@ -113,21 +116,22 @@ def fit_heights(sample: Sample, neighbors: Int[Array, "k m"], frame: Frame, *, o
     first, second = tangents(frame.normal)
     terms = TERMS[order]
 
-    def moments(rows: Array, near: Array) -> tuple[Array, ...]:
+    def moments(rows: Array, near: Array) -> tuple[Any, ...]:
         weight, offset = _counted(sample, rows, near)
         u, v, height = (along(axis, offset) / frame.size for axis in (first, second, frame.normal))
-        basis = monomials(u, v)[:terms]
-        weighted = [weight * t for t in basis]
-        matrix = [weighted[i] * basis[j] for i in range(terms) for j in range(i + 1)]
-        right = [w * height for w in weighted]
-        return jnp.stack(matrix), jnp.stack(right), weight * height * height, weight * weight
+        products = {p: weight * power(u, p[0]) * power(v, p[1]) for p in _products(terms)}
+        right = [weight * height * t for t in monomials(u, v)[:terms]]
+        return products, right, weight * height * height, weight * weight
 
-    matrix, right, square, squared_weight = sum_over_slots(neighbors, moments)
-    share = inverse(matrix[0])
-    system = _Moments(list(matrix * share[None]), list(right * share[None]), square * share, squared_weight * share**2)
+    products, right, square, squared_weight = sum_over_slots(neighbors, moments)
+    share = inverse(products[0, 0])
+    matrix = [
+        products[a + c, b + d] * share for i, (a, b) in enumerate(EXPONENTS[:terms]) for c, d in EXPONENTS[: i + 1]
+    ]
+    system = _Moments(matrix, [each * share for each in right], square * share, squared_weight * share**2)
     lower, pivots, distinct = cholesky(system.matrix, terms)
     fits = _Factored(lower, forward(lower, system.right), forward(lower, [jnp.ones_like(share)]))
-    flat = (jnp.minimum(pivots[1], pivots[2]) > THIN) & distinct[1] & distinct[2] & (matrix[0] > 0)
+    flat = (jnp.minimum(pivots[1], pivots[2]) > THIN) & distinct[1] & distinct[2] & (products[0, 0] > 0)
     mean = _mean_height(system)
     fit = _choose(flat, _polynomial(fits, system, 3), mean)
     degree = flat.astype(jnp.int32)
@@ -141,8 +145,14 @@ def fit_heights(sample: Sample, neighbors: Int[Array, "k m"], frame: Frame, *, o
     bend = 2.0 * (solution[3] + solution[5]) / frame.size if order == 2 else none
     return SurfaceFit(
         frame.normal, solution[0] * frame.size, bend, jnp.sqrt(fit.variance) * frame.size, fit.leverage * share,
-        jnp.stack(solution), frame.size, degree,
+        tuple(solution), frame.size, degree,
     )  # fmt: skip
+
+
+def flat_fit(frame: Frame, *, order: int) -> SurfaceFit:
+    """The tangent planes through the centres, in the shape of a fit."""
+    none = jnp.zeros_like(frame.size)
+    return SurfaceFit(frame.normal, none, none, none, none, (none,) * TERMS[order], frame.size, none.astype(jnp.int32))
 
 
 def without_faint(weight: Float[Array, " m"]) -> Float[Array, " m"]:
@@ -150,10 +160,10 @@ def without_faint(weight: Float[Array, " m"]) -> Float[Array, " m"]:
     return jnp.where(weight > FAINT, weight, 0.0)
 
 
-def _counted(sample: Sample, rows: Array, near: Array) -> tuple[Float[Array, " m"], Float[Array, "3 m"]]:
+def _counted(sample: Sample, rows: Array, near: Array) -> tuple[Float[Array, " m"], Vector]:
     """A sample whose points without weight lie at the centre: far from a small neighbourhood their powers are infinite."""
     weight, offset = sample(rows, near)
-    return weight, jnp.where((weight > 0)[None], offset, 0.0)
+    return weight, tuple(jnp.where(weight > 0, each, 0.0) for each in offset)
 
 
 class _Moments(NamedTuple):
@@ -217,14 +227,13 @@ def _choose(condition: Bool[Array, " m"], chosen: _Polynomial, other: _Polynomia
     return jax.tree.map(lambda a, b: jnp.where(condition, a, b), chosen, other)
 
 
-def residual(fit: SurfaceFit) -> Callable[[Float[Array, "3 m"]], tuple[Array, Array]]:
+def residual(fit: SurfaceFit) -> Callable[[Vector], tuple[Array, Array]]:
     """From points to their height above their surface `[m]` and squared distance from the centre in the tangent plane."""
     first, second = tangents(fit.normal)
 
-    def above(offset: Float[Array, "3 m"]) -> tuple[Array, Array]:
+    def above(offset: Vector) -> tuple[Array, Array]:
         u, v = along(first, offset) / fit.size, along(second, offset) / fit.size
-        basis = monomials(u, v)[: fit.coefficients.shape[0]]
-        surface = sum(c * t for c, t in zip(fit.coefficients, basis, strict=True)) * fit.size
+        surface = along(fit.coefficients, tuple(monomials(u, v)[: len(fit.coefficients)])) * fit.size
         return along(fit.normal, offset) - surface, (u * u + v * v) * jnp.square(fit.size)
 
     return above
@@ -236,15 +245,19 @@ def inverse(weight: Float[Array, " m"]) -> Float[Array, " m"]:
     return jnp.where(there, 1.0 / jnp.where(there, weight, 1.0), 0.0)
 
 
+def power(base: Array, exponent: int) -> Array:
+    """A power by repeated products: one of zero is 1."""
+    return math.prod([base] * exponent, start=jnp.ones_like(base))
+
+
+def _products(terms: int) -> list[tuple[int, int]]:
+    """Exponents of the products of any two terms."""
+    return sorted({(a + c, b + d) for a, b in EXPONENTS[:terms] for c, d in EXPONENTS[:terms]})
+
+
 def monomials(u: Array, v: Array) -> list[Array]:
     """1, u, v, u^2, uv, v^2."""
     return [jnp.ones_like(u), u, v, u * u, u * v, v * v]
-
-
-def along(axis: Float[Array, "3 m"], offset: Float[Array, "3 m"]) -> Float[Array, " m"]:
-    """Products of vectors pair by pair."""
-    x, y, z = axis * offset
-    return x + y + z
 
 
 @jax.custom_jvp
