@@ -15,11 +15,14 @@ from tests.reference.circles import bent_cable
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def fill(folder: Path, *, scans: int, broken: int) -> None:
-    """Write scans of a cable, each with noise of its own, and files that hold none."""
+def fill(folder: Path, *, scans: int, broken: int, slow: int = 0) -> None:
+    """Write scans of a cable, each with noise of its own, and files that hold none.
+
+    The last `slow` scans take seconds each, so that a batch is killed in its middle and not after its end.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     for i in range(scans):
-        write_points(folder / f"scan{i:03}.ply", bent_cable(n=1500, seed=i))
+        write_points(folder / f"scan{i:03}.ply", bent_cable(n=1500 if i < scans - slow else 30_000, seed=i))
     break_some(folder, broken)
 
 

@@ -19,7 +19,7 @@ pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals")
 
 
 def test_a_worker_killed_in_the_middle_costs_a_retry_and_nothing_else(tmp_path):
-    folders.fill(tmp_path / "scans", scans=8, broken=2)
+    folders.fill(tmp_path / "scans", scans=8, broken=2, slow=3)
     measure = ["measure", str(tmp_path / "scans"), "--unit", "mm"]
     here = tmp_path / "here.csv"
     assert folders.run(*measure, "--csv", str(here), "--jobs", "1").returncode == 0
@@ -45,7 +45,7 @@ def test_a_worker_killed_in_the_middle_costs_a_retry_and_nothing_else(tmp_path):
 
 
 def test_a_scheduler_that_goes_is_one_sentence_and_the_rows_stay(tmp_path):
-    folders.fill(tmp_path / "scans", scans=12, broken=0)
+    folders.fill(tmp_path / "scans", scans=12, broken=0, slow=2)
     table = tmp_path / "t.csv"
     measure = ["measure", str(tmp_path / "scans"), "--unit", "mm", "--csv", str(table), "--quiet"]
     with cluster(tmp_path, workers=1) as dask:

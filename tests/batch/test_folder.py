@@ -22,7 +22,7 @@ SCANS, BROKEN = 8, 5
 @pytest.fixture(scope="module")
 def scans(tmp_path_factory):
     folder = tmp_path_factory.mktemp("batch") / "scans"
-    folders.fill(folder, scans=SCANS, broken=BROKEN)
+    folders.fill(folder, scans=SCANS, broken=BROKEN, slow=2)
     return folder
 
 

@@ -7,7 +7,7 @@ import jax
 import numpy as np
 import pytest
 
-from cablejax import PointCloud
+from cablejax import PointCloud, traces
 from cablejax.cli import main
 from cablejax.cli.capacity import DOUBLING, LEAST, capacity
 from cablejax.io import read_points, write_points
@@ -53,6 +53,15 @@ def scans(tmp_path):
     return files
 
 
+@pytest.fixture
+def nothing_compiled(monkeypatch):
+    """What tests before have compiled is not at hand."""
+    for each in list(traces._ALL):
+        monkeypatch.setattr(each, "_programs", {})
+    jax.clear_caches()
+
+
+@pytest.mark.usefixtures("nothing_compiled")
 @pytest.mark.parametrize(("options", "first"), [(["--no-filter"], 0), (["--neighbors", "12", "--order", "1"], 2)])
 def test_a_scan_of_another_size_compiles_nothing(scans, tmp_path, options, first):
     command = ["--unit", "mm", "--quiet", *options]

@@ -72,7 +72,8 @@ def test_the_same_configuration_gives_the_same_bytes_and_splits_differ(split):
 
 @pytest.fixture(scope="module")
 def wide():
-    return make_part_split(PartsConfig(n_points=512, mix="wide", seed=3), "train", 48)
+    with compiled_for_speed():
+        return make_part_split(PartsConfig(n_points=512, mix="wide", seed=3), "train", 48)
 
 
 def test_the_wide_mix_holds_all_parts_holes_and_scans_without_a_cable(wide):
