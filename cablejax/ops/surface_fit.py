@@ -1,6 +1,5 @@
 """Weighted planes and quadrics through many neighbourhoods at once, from moments summed slot by slot."""
 
-import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -119,7 +118,7 @@ def fit_heights(sample: Sample, neighbors: Int[Array, "k m"], frame: Frame, *, o
     def moments(rows: Array, near: Array) -> tuple[Any, ...]:
         weight, offset = _counted(sample, rows, near)
         u, v, height = (along(axis, offset) / frame.size for axis in (first, second, frame.normal))
-        products = {p: weight * power(u, p[0]) * power(v, p[1]) for p in _products(terms)}
+        products = {(a, b): weight * u**a * v**b for a, b in _products(terms)}
         right = [weight * height * t for t in monomials(u, v)[:terms]]
         return products, right, weight * height * height, weight * weight
 
@@ -245,11 +244,6 @@ def inverse(weight: Float[Array, " m"]) -> Float[Array, " m"]:
     return jnp.where(there, 1.0 / jnp.where(there, weight, 1.0), 0.0)
 
 
-def power(base: Array, exponent: int) -> Array:
-    """A power by repeated products: one of zero is 1."""
-    return math.prod([base] * exponent, start=jnp.ones_like(base))
-
-
 def _products(terms: int) -> list[tuple[int, int]]:
     """Exponents of the products of any two terms."""
     return sorted({(a + c, b + d) for a, b in EXPONENTS[:terms] for c, d in EXPONENTS[:terms]})
@@ -257,7 +251,7 @@ def _products(terms: int) -> list[tuple[int, int]]:
 
 def monomials(u: Array, v: Array) -> list[Array]:
     """1, u, v, u^2, uv, v^2."""
-    return [jnp.ones_like(u), u, v, u * u, u * v, v * v]
+    return [u**a * v**b for a, b in EXPONENTS]
 
 
 @jax.custom_jvp
