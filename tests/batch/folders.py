@@ -52,13 +52,13 @@ def run(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 def run_killed(table: Path, *arguments: str, after: int, with_signal: int = signal.SIGKILL) -> int:
     """Start a command and kill it once its table holds so many rows; its exit status."""
-    process = subprocess.Popen(
-        command(*arguments),
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        cwd=ROOT,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # what a shell starts behind it ignores Ctrl-C
-    )
+    # A shell has what it starts in its background ignore Ctrl-C, which is inherited; a handler is not, so the command
+    # begins with the default.
+    ours = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        process = subprocess.Popen(command(*arguments), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, cwd=ROOT)
+    finally:
+        signal.signal(signal.SIGINT, ours)
     while process.poll() is None and lines_of(table) <= after:
         time.sleep(0.01)
     process.send_signal(with_signal)
