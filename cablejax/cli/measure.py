@@ -209,10 +209,12 @@ def _line(row: dict[str, Any]) -> str:
 
 def _stretch(one: dict[str, Any]) -> tuple[str, str]:
     """A stretch of constant or tapering diameter: where it is, and its diameter with the 95 % interval."""
+    from cablejax.measure.shape.irregularities import where
+
     told = f"{one['first_mm']:.2f} mm{_interval(one['first_interval_mm'], '.2f')}"
     if one["kind"] == "tapering":
         told += f" to {one['last_mm']:.2f} mm{_interval(one['last_interval_mm'], '.2f')}"
-    return f"  {one['from_mm']:.0f} to {one['to_mm']:.0f} mm", told
+    return f"  {where(one['from_mm'], one['to_mm'])} mm", told
 
 
 def table(result: dict[str, Any]) -> str:
@@ -221,6 +223,8 @@ def table(result: dict[str, Any]) -> str:
         return folder.table(result, _line)
     if "cables" in result:
         return scene.table(result)
+    from cablejax.measure.shape.irregularities import where
+
     r = result
     bend = "straight within its uncertainty"
     if r["bend_radius_mm"] is not None:
@@ -254,7 +258,7 @@ def table(result: dict[str, Any]) -> str:
         low, high = r["tolerance_mm"]
         pairs.insert(1, ("within tolerance", f"{r['conformity']} ({low:g} to {high:g} mm)"))
     for one in r["irregularities"]:
-        pairs.append((one["kind"], f"at {one['from_mm']:.0f} to {one['to_mm']:.0f} mm, {one['change_mm']:+.2f} mm"))
+        pairs.append((one["kind"], f"at {where(one['from_mm'], one['to_mm'])} mm, {one['change_mm']:+.2f} mm"))
     parts = [f"{r['file']}", rows(pairs), "", "  uncertainty of the diameter (standard deviation)"]
     total = ("together", f"{r['std_mm']:.4f} mm")
     parts.append(rows([*((line["source"], f"{line['std_mm']:.4f} mm") for line in r["budget"]), total]))

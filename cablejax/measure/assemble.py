@@ -319,8 +319,9 @@ def _painted(fit: CableFit, rows: np.ndarray, n: int) -> _Painted:
         out[rows] = values
         return out
 
-    keep = np.zeros(n, dtype=bool)
-    keep[rows] = np.abs(fit.residual_mm) < KEEP_SIGMA * fit.noise_mm
-    along = fit.place.s - fit.place.s[fit.weight > 0].min()
+    used = fit.place.s[fit.weight > 0]
+    along = fit.place.s - used.min()
+    keep = np.zeros(n, dtype=bool)  # what lies on the surface beyond the ends is something else
+    keep[rows] = (np.abs(fit.residual_mm) < KEEP_SIGMA * fit.noise_mm) & (along >= 0) & (along <= np.ptp(used))
     angle = np.degrees(np.arctan2(fit.place.v, fit.place.u))
     return _Painted(keep, spread(fit.residual_mm), spread(along), spread(angle))

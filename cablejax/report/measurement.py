@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 import numpy as np
 
 from cablejax.geometry.robust import COVERAGE
+from cablejax.measure.shape.irregularities import where
 from cablejax.optional import require
 from cablejax.report.page import Page
 from cablejax.report.scene import SCALE, point_scene
@@ -89,10 +90,7 @@ def measurement_page(
             caption=f"Along its length: {measured.form}.",
         )
     if measured.irregularities:
-        rows = [
-            [one.kind, f"{one.from_mm:.0f} to {one.to_mm:.0f}", f"{one.change_mm:+.2f}"]
-            for one in measured.irregularities
-        ]
+        rows = [[one.kind, where(one.from_mm, one.to_mm), f"{one.change_mm:+.2f}"] for one in measured.irregularities]
         page.table(
             ["Irregularity", "where along (mm)", "change of the diameter (mm)"], rows, caption="Off the local mean."
         )
@@ -131,9 +129,11 @@ def measurement_page(
 
 def _stretch(one: Any) -> list[list[str]]:
     """A row, or one for either end of a tapering stretch."""
-    where = f"{one.from_mm:.0f} to {one.to_mm:.0f}"
     ends = zip((one.first_mm, one.last_mm), one.intervals_mm, strict=True)
-    rows = [[one.kind, where, f"{value:.2f}", f"{low:.2f} to {high:.2f}"] for value, (low, high) in ends]
+    rows = [
+        [one.kind, where(one.from_mm, one.to_mm), f"{value:.2f}", f"{low:.2f} to {high:.2f}"]
+        for value, (low, high) in ends
+    ]
     return rows if one.kind == "tapering" else rows[:1]
 
 

@@ -64,6 +64,17 @@ def test_the_unit_is_taken_with_a_warning(capsys, scan):
     assert "warning: no --unit given" in err
 
 
+def test_what_is_not_one_diameter_is_told_stretch_by_stretch(capsys, tmp_path):
+    wider = bent_cable(radius=16.2, length=150.0, seed=1) + [150.0, 0, 0]
+    write_points(tmp_path / "stepped.ply", np.concatenate([bent_cable(length=150.0), wider]))
+    report = tmp_path / "stepped.html"
+    code, out, _ = run(capsys, "measure", str(tmp_path / "stepped.ply"), "--unit", "mm", "--report", str(report))
+    assert code == 0
+    assert re.search(r"step (up|down) +at 1[45]\d mm, [+-]2\.[34]\d mm", out)
+    assert len(re.findall(r"^ +-?\d+ to \d+ mm +(?:29\.9|30\.0|32\.3|32\.4)\d mm", out, re.MULTILINE)) == 2
+    assert "Stretch" in report.read_text(encoding="utf-8")
+
+
 def test_info(capsys, scan):
     code, out, _ = run(capsys, "info", scan, "--unit", "m", "--json")
     result = json.loads(out)

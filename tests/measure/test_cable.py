@@ -89,6 +89,16 @@ def test_outliers_and_a_floor_are_left_out():
     assert result.keep[6000:].mean() < 0.005
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_what_lies_on_the_surface_beyond_an_end_is_left_out(seed):
+    cable = bent_cable(length=300.0, seed=seed)
+    patch = bent_cable(length=12.0, arc_deg=25.0, n=150, seed=seed + 9) * [1, -1, -1] + [303.0, 0, 0]  # a table's edge
+    result = measure_cable(np.concatenate([cable, patch]))
+    assert result.length_mm == pytest.approx(300.0, abs=2.0)
+    assert result.keep[: len(cable)].mean() > 0.99
+    assert not result.keep[len(cable) :].any()
+
+
 def test_place_in_space_does_not_matter(half):
     rotation = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
     moved = measure_cable(bent_cable() @ rotation.T + [4e5, 5.6e6, 300])  # the size of UTM coordinates, in float64
