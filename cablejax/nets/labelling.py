@@ -1,12 +1,12 @@
 """Labels for every point of a scan, by a network that sees a ball of it at a time."""
 
+from functools import partial
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from flax import nnx
-from jaxtyping import Float, Int, Num
+from jaxtyping import Array, Bool, Float, Int, Num
 from scipy.spatial import KDTree
 
 MOST_POINTS = 60_000  # labelled by the network; of more, the rest takes the label of its nearest
@@ -74,24 +74,27 @@ def _labelled(
             clouds.append(rows[start : start + n_points] if start + n_points <= len(rows) else rows[-n_points:])
             centers.append(center)
     graphdef, state = nnx.split(model)
-
-    @jax.jit
-    def probabilities(points: jax.Array, mask: jax.Array) -> jax.Array:
-        return jax.nn.softmax(nnx.merge(graphdef, state, copy=True)(points, mask))
-
     total = None
     for first in range(0, len(clouds), BATCH):
         batch = clouds[first : first + BATCH]
         points, mask = np.zeros((BATCH, n_points, 3), np.float32), np.zeros((BATCH, n_points), bool)
         for i, rows in enumerate(batch):
             points[i, : len(rows)], mask[i, : len(rows)] = xyz[rows] - xyz[rows].mean(axis=0), True
-        out = np.asarray(probabilities(jnp.asarray(points), jnp.asarray(mask)), np.float64)
+        out = np.asarray(_probabilities(graphdef, state, points, mask), np.float64)
         total = np.zeros((len(xyz), out.shape[-1])) if total is None else total
         for rows, center, seen in zip(batch, centers[first:], out, strict=False):
             away = np.sum((xyz[rows] - center) ** 2, axis=1) / ball_mm**2
             total[rows] += (1 + RIM_WEIGHT - away)[:, None] * seen[: len(rows)]
     assert total is not None
     return total / total.sum(axis=1, keepdims=True)
+
+
+@partial(jax.jit, static_argnames=("graphdef",))
+def _probabilities(
+    graphdef: nnx.GraphDef, state: nnx.State, points: Float[Array, "b n 3"], mask: Bool[Array, "b n"]
+) -> Float[Array, "b n parts"]:
+    """What the network says of each point: one program for all scans that a process labels."""
+    return jax.nn.softmax(nnx.merge(graphdef, state, copy=True)(points, mask))
 
 
 def _balls(xyz: np.ndarray, ball_mm: float, rng: np.random.Generator):
