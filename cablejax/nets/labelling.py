@@ -1,7 +1,7 @@
 """Labels for every point of a scan, by a network that sees a ball of it at a time."""
 
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -91,7 +91,7 @@ def _labelled(
 
 @partial(jax.jit, static_argnames=("graphdef",))
 def _probabilities(
-    graphdef: nnx.GraphDef, state: nnx.State, points: Float[Array, "b n 3"], mask: Bool[Array, "b n"]
+    graphdef: Any, state: Any, points: Float[Array, "b n 3"], mask: Bool[Array, "b n"]
 ) -> Float[Array, "b n parts"]:
     """What the network says of each point: one program for all scans that a process labels."""
     return jax.nn.softmax(nnx.merge(graphdef, state, copy=True)(points, mask))
