@@ -65,7 +65,7 @@ def test_the_unit_is_taken_with_a_warning(capsys, scan):
 
 
 def test_what_is_not_one_diameter_is_told_stretch_by_stretch(capsys, tmp_path):
-    wider = bent_cable(radius=16.2, length=150.0, seed=1) + [150.0, 0, 0]
+    wider = bent_cable(radius=16.2, length=150.0, seed=1) + np.array([150.0, 0, 0])
     write_points(tmp_path / "stepped.ply", np.concatenate([bent_cable(length=150.0), wider]))
     report = tmp_path / "stepped.html"
     code, out, _ = run(capsys, "measure", str(tmp_path / "stepped.ply"), "--unit", "mm", "--report", str(report))
