@@ -40,6 +40,7 @@ ALLOWED = {
         "app",
         "types",
         "ops",
+        "geometry",
         "registration",
         "measure",
         "simulate",

@@ -10,6 +10,7 @@ from cablejax.cli import exports, folder, measure_input, scene, standards
 from cablejax.cli.arguments import add_scan
 from cablejax.cli.errors import NoResultError
 from cablejax.cli.scans import rows, say
+from cablejax.geometry.words import where
 from cablejax.optional import require
 
 SCHEMA = "measure-rows/1"
@@ -209,8 +210,6 @@ def _line(row: dict[str, Any]) -> str:
 
 def _stretch(one: dict[str, Any]) -> tuple[str, str]:
     """A stretch of constant or tapering diameter: where it is, and its diameter with the 95 % interval."""
-    from cablejax.measure.shape.irregularities import where
-
     told = f"{one['first_mm']:.2f} mm{_interval(one['first_interval_mm'], '.2f')}"
     if one["kind"] == "tapering":
         told += f" to {one['last_mm']:.2f} mm{_interval(one['last_interval_mm'], '.2f')}"
@@ -223,8 +222,6 @@ def table(result: dict[str, Any]) -> str:
         return folder.table(result, _line)
     if "cables" in result:
         return scene.table(result)
-    from cablejax.measure.shape.irregularities import where
-
     r = result
     bend = "straight within its uncertainty"
     if r["bend_radius_mm"] is not None:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 import numpy as np
 
 from cablejax.geometry.robust import COVERAGE
-from cablejax.measure.shape.irregularities import where
+from cablejax.geometry.words import where
 from cablejax.optional import require
 from cablejax.report.page import Page
 from cablejax.report.scene import SCALE, point_scene
